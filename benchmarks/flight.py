@@ -2,14 +2,19 @@
 
     python -m benchmarks.flight                                              # two CPU cores: 5 minutes
     python -m benchmarks.flight --batches 50 500                             # one GPU: 10 minutes, mostly compiling
+    python -m benchmarks.flight --campaign 10000                             # one GPU: 6 minutes
     python -m benchmarks.flight --batches 500 --maps suburb --devices 1 2 4  # GPUs of one host: 8 minutes
 
 `flights` rows: the first trials of a map and seed 0, whole flights in batches of each size (fewer trials than the batch
 are repeated), after compilation; `seconds` from the batch's worlds to its logs on the host. `stage` rows: the four
 stages of a planning iteration in the largest batch, each by itself, after the first iterations of those flights;
 milliseconds a flight. `A* in the loop`: the same trials, sensing, map, controller and safety with A* as planner, which
-runs on the host, one flight after the other. With `--devices` there are only `devices` rows, in a file of their own:
-the largest batch on each of so many devices, all in one call (weak scaling).
+runs on the host, one flight after the other.
+
+With `--campaign` or `--devices` there are only such rows, in files of their own. `campaign`: a whole campaign as
+`maxjax flights` flies it, from drawing the trials to outcomes on the host, after one of another seed; and how many of
+its first 500 outcomes are the same, to the millimetre, where these fly without the others. `devices`: the largest batch
+on each of so many devices, all in one call (weak scaling).
 
 Expected: on two CPU cores one flight takes 0.6 to 0.9 s.
 """
@@ -19,6 +24,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -30,14 +36,17 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, measure, save
 from maxjax.core.status import Status
 from maxjax.sim.loop.flight import Flight, FlightConfig, Stage, World, stages_of, take_off
-from maxjax.sim.trials.batches import draw_trials, fly_batch, world_of
-from maxjax.sim.trials.campaign import Campaign
-from maxjax.sim.trials.outcomes import Table
+from maxjax.sim.trials.batch_size import first_size, round_up
+from maxjax.sim.trials.batches import draw_trials, fly_batch, fly_trials, world_of
+from maxjax.sim.trials.campaign import Campaign, outcome_of
+from maxjax.sim.trials.outcomes import Outcome, Table
 from maxjax.ui.methods import planner_named
 
 _STAGES = ("sense", "fuse", "plan", "follow")
 # Iterations before the stages are timed: by then the map is about as full as it gets.
 _BEFORE = 3
+# Flights of a campaign that fly once more without the others.
+_ALONE = 500
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +58,7 @@ class Config:
         batches: flights at a time, a row each.
         devices: numbers of devices, a row each, and no other rows.
         astar: trials to fly with A* as well.
+        campaign: trials of a campaign, a row for each map and no other rows.
         repeats: timed runs.
         out: where the JSON goes.
     """
@@ -57,6 +67,7 @@ class Config:
     batches: tuple[int, ...] = (1,)
     devices: tuple[int, ...] = ()
     astar: int = 0
+    campaign: int = 0
     repeats: int = 2
     out: Path = RESULTS
 
@@ -73,7 +84,7 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
     """
     flight = FlightConfig(planner=planner_named("field")) if flight is None else flight
     rows: list[Row] = []
-    file = "flight_devices" if config.devices else "flight"
+    file = "flight_devices" if config.devices else "flight_campaign" if config.campaign else "flight"
 
     def add(what: str, batch: int, figures: Row) -> None:
         rows.append({"what": what, "batch": batch, **figures})
@@ -85,6 +96,13 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
         if config.devices:
             for count, size, figures in _scaling(campaign, config):
                 add(f"devices, {name}", size, {"devices": count, **figures})
+            continue
+        if config.campaign:
+            add(
+                f"campaign, {name}",
+                config.campaign,
+                _campaign(dataclasses.replace(campaign, trials=range(config.campaign))),
+            )
             continue
         drawn = draw_trials(campaign)
         for size in config.batches:
@@ -110,6 +128,35 @@ def _scaling(campaign: Campaign, config: Config) -> Iterator[tuple[int, int, Row
         drawn = {name: np.concatenate([values] * count) for name, values in draw_trials(campaign).items()}
         many = dataclasses.replace(campaign, trials=range(size * count))
         yield count, size * count, _flights(many, drawn, size * count, count, config.repeats)
+
+
+def _campaign(campaign: Campaign) -> Row:
+    """Time and outcomes of a campaign, and whether its first flights are what they are without the others."""
+
+    def fly(one: Campaign) -> tuple[dict[int, Outcome], float]:
+        started = time.perf_counter()
+        outcomes = {outcome.trial: outcome for some in fly_trials(one) for outcome in some}
+        return outcomes, time.perf_counter() - started
+
+    _, first = fly(dataclasses.replace(campaign, seed=campaign.seed + 1))
+    outcomes, seconds = fly(campaign)
+    drawn, devices = draw_trials(campaign), jax.local_devices()
+    rows = np.flatnonzero(drawn["valid"])
+    size = min(first_size(campaign.flight, devices, None, print), round_up(len(rows), len(devices)))
+    few = rows[: min(_ALONE, size)]
+    logs = fly_batch(campaign, drawn, few, size, devices)
+    alone = [outcome_of(campaign, drawn, int(row), logs, place) for place, row in enumerate(few)]
+    told = ("status", "flown_length", "duration", "clearance", "planning_iterations")
+    lengths = [one.flown_length or 0.0 for one in outcomes.values() if one.status == Status.OK.name]
+    return {
+        "seconds": round(seconds, 2),
+        "first_s": round(first, 1),
+        "flights_per_s": round(len(rows) / seconds, 3),
+        "arrived": len(lengths),
+        "flown_m": round(float(np.mean(lengths)), 2) if lengths else None,
+        "alone": len(alone),
+        "same": sum(all(getattr(one, x) == getattr(outcomes[one.trial], x) for x in told) for one in alone),
+    }
 
 
 def _flights(campaign: Campaign, drawn: Table, size: int, devices: int, repeats: int) -> Row:

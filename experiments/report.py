@@ -32,8 +32,8 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("closed_loop_disturbed_suburb", "closed_loop"),
         ("faults", "faults"),
         ("faults_random", "faults"),
+        ("paper_readings", "paper_loop.tables"),
         ("paper_loop", "paper_loop.tables"),
-        ("paper_loop_many", "paper_loop.tables"),
     ),
     "The networks": (
         ("network_training", "network_training"),
@@ -85,7 +85,7 @@ SPEED: tuple[tuple[Callable[..., str], tuple[str, ...]], ...] = (
     (tables.solves, ("potential", "potential_h200")),
     (tables.verdicts, ("verifier", "verifier_h100")),
     (tables.profile, ("profile", "profile_h200", "profile_city_h200")),
-    (tables.flights, ("flight", "flight_h100")),
+    (tables.flights, ("flight", "flight_h200", "flight_campaign_h200")),
     (tables.scaling, ("training_h200", "city_scale_h200")),
     (tables.cities, ("city_plan",)),
     (tables.lidar, ("lidar", "lidar_h200")),

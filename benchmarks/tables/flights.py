@@ -26,15 +26,25 @@ def lidar(*documents: Document) -> str:
     )
 
 
+_CAMPAIGNS = (
+    "\nWhole campaigns, from drawing the trials to outcomes on the host; the same: outcomes that are so, to the\n"
+    "millimetre, where these flights fly without the others.\n\n"
+)
+
+
 def flights(*documents: Document) -> str:
     """Of `benchmarks.flight`."""
-    lines, stages = [], []
+    lines: list[list[str]] = []
+    campaigns: list[list[str]] = []
+    stages: list[list[str]] = []
     for document in documents:
         for row in document["rows"]:
             what, name = row["what"].split(", ")
-            if what == "flights":
+            if what in ("flights", "campaign"):
                 figures = [number(row[key]) for key in ("seconds", "flights_per_s")]
-                lines.append([name, device(document), str(row["batch"]), *figures, str(row["arrived"])])
+                cells = [name, device(document), str(row["batch"]), *figures, str(row["arrived"])]
+                same = [f"{row['same']} of {row['alone']}"] if what == "campaign" else []
+                (campaigns if same else lines).append([*cells, *same])
         for name in document["config"]["maps"]:
             found = [row for row in document["rows"] if row["what"].startswith(f"stage, {name}: ")]
             if found:
@@ -46,6 +56,7 @@ def flights(*documents: Document) -> str:
         "Whole flights, 50 to 80 m, from drawn worlds to logs on the host, all of a batch in one call; compilation\n"
         "apart.\n\n"
         + table(heads, lines, left=2)
+        + (_CAMPAIGNS + table([*heads, "the same"], campaigns, left=2) if campaigns else "")
         + "\nOne planning iteration by stage, in a batch under way [ms a flight]:\n\n"
         + table(["map", "on", "flights", "sense", "fuse", "plan", "follow"], stages, left=2)
     )

@@ -58,8 +58,8 @@ def plans(*documents: Document) -> str:
         + "".join(f"\n{batch}\n" for batch in batches)
         + "".join(f"\n{_beside_the_paper(document)}\n" for document in documents[1:])
         + "\nOn a GPU a single plan waits, it does not compute: flood fills, ascent and tightening are many kernels\n"
-        "of a few microseconds, one after the other. In a batch the host packs the next chunk while the\n"
-        "device plans, and verifies all paths together at the end.\n"
+        "of a few microseconds, one after the other. Of a batch it is sent each map once, and then ends, a chunk of\n"
+        "windows while it works on another; all paths are verified together at the end.\n"
     )
 
 

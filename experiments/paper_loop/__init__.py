@@ -1,27 +1,31 @@
-"""The paper's own loop, as it stands, and what each layer that maxjax adds saves.
+"""The paper's own loop in a grid of readings, and what each layer that maxjax adds to the best of them changes.
 
-    python -m experiments.paper_loop --trials 2 --loops paper                     # two cores: 5 minutes
-    python -m experiments.paper_loop --trials 1000 --batch 50 --keep OUT          # one GPU, hours; resumes
-    python -m experiments.paper_loop --trials 1000 --keep OUT --loops             # flies nothing: what was flown so far
+    python -m experiments.paper_loop --loops exact --trials 6 --maps downtown    # two cores: 3 minutes
+
+On a GPU with 16 cores, each call below 10 minutes; any of them goes on with what KEEP holds:
+
+    export JAX_EXPLICIT_X64_DTYPES=allow        # for the rows in float64
+    for k in $(seq 0 17); do
+        python -m experiments.paper_loop --shard $k 18 --batch 50 --keep KEEP
+    done
+    python -m experiments.paper_loop --keep KEEP --record --loops        # flies nothing: the table of what was flown
+    for k in $(seq 0 21); do
+        python -m experiments.paper_loop --rows layers --trials 1000 --shard $k 22 --batch 250 --keep KEEP
+    done
+    python -m experiments.paper_loop --rows layers --trials 1000 --keep KEEP --record --loops
 
 The paper (Bong and Beltrame, arXiv:2605.10880) flies by a network's field alone: one scan a plan, the gradients
-smoothed by a Gaussian of 5 voxels, climbed by momentum, each path flown as far as the ascent came, a reactive layer of
-3 m behind it, at most 100 plans. It reports that every flight arrived. Here the same is flown over the trials of
-`experiments.closed_loop`, by the networks that maxjax trained after it (`paper`, `paper_difference`), by maxjax's, and
-by the exact field, of the paper's boundary (κ = 0) and screened.
+smoothed by a Gaussian of 5 voxels, climbed by momentum, a reactive layer of 3 m behind it, at most 100 plans. It
+reports that every flight arrived. Here the same is flown over the trials of `experiments.closed_loop`, by the networks
+that maxjax trained after it (`paper`, `paper_difference`), and by the exact field, of the paper's boundary (κ = 0, also
+in float64 and by φ instead of its logarithm) and with a leak. What the paper leaves open is a `Reading`, beside the
+sentences that it reads; the grid changes one choice at a time.
 
-What the paper does not say is read in two ways, each a loop of its own:
+To the best reading by the paper's network come the layers, each on top of the last: smoothing that sees walls, steps
+that stay out of walls and the discrete step, sweeps, certificate and solver behind them, verification, string pulling,
+and prices in place of the dilation; and the whole planner of maxjax, first with the same scan, network and reactive
+layer, then with the map of all scans, then by its exact field.
 
-- `gradients`: gradients are taken of the field outside walls, are zero within, and both are smoothed.
-- `field`: walls hold the least value of the field, so that their gradients point away from them and repel.
-
-The reactive layer is maxjax's (`sim.loop.reactive`): it pushes across the way and brakes, but never turns the vehicle
-round. Then come the layers, each on top of the last: the last 10 m flown straight (both ends are 10 m clear of
-buildings), smoothing that sees walls, steps that stay out of walls and the discrete step, sweeps, certificate and
-solver behind them, verification; and the whole planner of maxjax, first with the same scan, network and reactive layer,
-then with the map of all scans, then by its exact field.
-
-A flight whose plan leads nowhere ten times in a row, at rest, is over: it would be the same for ever.
-
-Expected: no contact; the paper's loop arrives in few flights by any field, the whole planner in all.
+Expected: where paths end before dilated voxels hardly any flight arrives; where they end before occupied ones most do
+by the exact field, some with contacts; of the whole planner's flights all do, without one.
 """

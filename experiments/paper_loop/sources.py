@@ -16,9 +16,9 @@ from maxjax.fields.price import SCREENING_LENGTH
 from maxjax.nn.model import MAX_SWEEPS, load_model, network_potential, predict_potential
 from maxjax.planning.run.stages import PotentialFn
 from maxjax.solvers.certify import swept
-from maxjax.solvers.medium import medium_of
+from maxjax.solvers.medium import medium_of, no_progress, run
 from maxjax.solvers.paper import PaperSetting
-from maxjax.solvers.potential import Potential, solve_potential
+from maxjax.solvers.potential import Potential, potential_of, solve_potential
 
 SWEEPS = MAX_SWEEPS
 
@@ -38,9 +38,24 @@ def swept_prediction(name: str, sweeps: int) -> PotentialFn:
     return potential
 
 
+def solved_in_float64(sigma: Array, goal_index: Array, price: Array | None) -> Potential:
+    """The exact field of κ = 0 in double precision, in a process with JAX_EXPLICIT_X64_DTYPES=allow.
+
+    Raises:
+        ValueError: in another process.
+    """
+    solver, sigma = PaperSetting(), sigma.astype(jnp.float64)
+    if sigma.dtype != jnp.float64:
+        raise ValueError("float64: expected a process with JAX_EXPLICIT_X64_DTYPES=allow, given one without")
+    medium = medium_of(sigma, goal_index, grounded=solver.grounded)
+    nothing = no_progress(medium, solver.screening_length(medium).astype(sigma.dtype))
+    return potential_of(run(solver.stages, medium, nothing), medium.component)
+
+
 SOURCES: Mapping[str, Callable[[], PotentialFn]] = {
     **{name: functools.partial(network_potential, name, 0) for name in ("paper", "paper_difference", "maxjax")},
     "exact, κ = 0": lambda: functools.partial(solve_potential, solver=PaperSetting()),
+    "exact, κ = 0, float64": lambda: solved_in_float64,
     "exact": lambda: solve_potential,
     "paper, swept": functools.partial(swept_prediction, "paper", SWEEPS),
     "paper, certified": functools.partial(network_potential, "paper", SWEEPS),

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import city_plan, first_hour, lidar, plan, profile, rivals, startup, tables, training, verifier
+from maxjax.planning.windows.focus_window import SHAPES
 
 
 @pytest.mark.nightly
@@ -122,7 +123,7 @@ def test_the_benchmark_of_the_start_times_processes_of_their_own(tmp_path: Path)
     assert json.loads((tmp_path / "startup.json").read_text())["rows"] == rows
     *processes, program = rows
     assert [row["what"] for row in processes] == ["import maxjax", "import maxjax, and its names", "maxjax --help"]
-    assert program["what"] == "program of a window of 32 x 32 x 24"
+    assert program["what"] == "program of a window of " + " x ".join(map(str, SHAPES[0]))
     assert 1000 < program["equations"] < 20_000
     for row in processes:
         assert row["n"] == 2

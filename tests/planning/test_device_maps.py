@@ -9,6 +9,7 @@ from maxjax import VoxelMap
 from maxjax.core.grid import Grid
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
+from maxjax.planning.run import device_maps
 from maxjax.planning.run.device_maps import DeviceMaps, cut_window
 from maxjax.planning.windows import focus_window as focus
 from maxjax.planning.windows.column_counts import count_columns, lowest_open_layers
@@ -49,6 +50,15 @@ def test_a_part_of_the_problems_is_in_the_same_maps(task: Task) -> None:
     for whole, part in zip(every.some(rows), maps.choose(task.some(rows), costs[rows]), strict=True):
         np.testing.assert_array_equal(whole, part)
     assert not maps.hold(Task.of(task.map[0], task.starts, task.goals, task.distances))
+
+
+def test_maps_are_sent_up_to_a_number_of_voxels(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    used = len(np.unique(task.map_of)) * 40 * 36 * 24
+    for limit, fits in ((used, True), (used - 1, False)):
+        monkeypatch.setattr(device_maps, "_VOXELS", limit)
+        assert DeviceMaps.fit(task) == fits
+    shared = Task.of(task.map[0], task.starts, task.goals, task.distances)
+    assert DeviceMaps.fit(shared)
 
 
 def test_open_layers_by_columns_are_those_of_the_boxes() -> None:

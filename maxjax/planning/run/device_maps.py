@@ -10,6 +10,7 @@ Maps that several problems share are sent once. Everything else that goes to the
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import jax
@@ -34,6 +35,8 @@ from maxjax.planning.windows.window_choice import Choice, choose
 
 # Problems whose windows are chosen in one go, and bytes of maps that a thread makes bits of.
 _BLOCK, _BYTES = 256, 2**22
+# Of all maps: with their tables they take 4 to 8 bytes a voxel, which are counted by 32 bits.
+_VOXELS = 2**30
 
 # What a device is sent of a problem for a choice, and for a route.
 _ASKED = {
@@ -68,6 +71,12 @@ class DeviceMaps:
         bits = jax.device_put([_bits_of(volume) for volume in (occupied, ground)])
         self._occupied, self._ground, self._table = _RECEIVE.start(*bits, shapes=shapes)
         self._price = None if task.price is None else jax.device_put(task.price)
+
+    @staticmethod
+    def fit(task: Task) -> bool:
+        """Whether the maps of a task are few and small enough to be sent as a whole."""
+        shared = task.barred.ndim == 3 or task.barred.strides[0] == 0
+        return (1 if shared else len(np.unique(task.map_of))) * math.prod(task.grid.shape) <= _VOXELS
 
     def hold(self, task: Task) -> bool:
         """Whether they are those of another task, too."""

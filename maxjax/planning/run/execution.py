@@ -88,7 +88,7 @@ def routes_of(task: Task, planner: Planner, *, chunk: int | None = None) -> Rout
     def finder_of(some: Task) -> WindowFinder:
         """Of several problems an accelerator has the maps itself, which legs of a corridor share."""
         climber = field_climber(planner)
-        if climber is None or not chunked or len(some) == 1:
+        if climber is None or not chunked or len(some) == 1 or not DeviceMaps.fit(some):
             return WindowFinder(find)
         if not (sent and sent[0].hold(some)):
             sent[:] = [DeviceMaps(some)]

@@ -26,7 +26,7 @@ from jax.errors import JaxRuntimeError
 
 from maxjax.core.status import Status
 from maxjax.sim.loop import flight, replan
-from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, watch
+from maxjax.sim.loop.flight import FlightConfig, FlightLog, World, take_off, watch
 from maxjax.sim.movers.among import Flag, Flags
 from maxjax.sim.movers.avoidance import Avoidance
 from maxjax.sim.sensors.lidar import Lidar
@@ -34,7 +34,7 @@ from maxjax.sim.trials import batch_size, cities
 from maxjax.sim.trials import batches as module
 from maxjax.sim.trials import campaign as campaign_module
 from maxjax.sim.trials import ledger as bookkeeping
-from maxjax.sim.trials.batches import fly_trials
+from maxjax.sim.trials.batches import fly_trials, world_of
 from maxjax.sim.trials.campaign import Campaign
 from maxjax.sim.trials.outcomes import INVALID_DRAW, Outcome, summarise
 from maxjax.sim.trials.trials import Trial
@@ -281,6 +281,27 @@ def test_a_folder_holds_one_campaign(tmp_path: Path) -> None:
     (tmp_path / bookkeeping.CONFIG).unlink()
     with pytest.raises(ValueError, match=r"no config\.json"):
         flown(Campaign("suburb", 0, range(2), config=CALM), folder=tmp_path)
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_fills_up_a_batch_has_ended_before_it_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign, real = Campaign("suburb", 0, range(2), config=CALM), module._fly_split
+    starts: list[np.ndarray] = []
+
+    def split(batch: Any, *others: Any) -> dict[str, np.ndarray]:
+        starts.append(np.asarray(batch[1]))
+        return real(batch, *others)
+
+    monkeypatch.setattr(module, "_fly_split", split)
+    logs = module.fly_batch(campaign, module.draw_trials(campaign), [0, 1], 4, jax.devices()[:1])
+    assert all(len(values) == 2 for values in logs.values())
+    (start,) = starts
+    assert np.isfinite(start[:2]).all()
+    assert np.isnan(start[2:]).all()
+    world = world_of(campaign, module.draw_trials(campaign), 0)
+    assert take_off(dataclasses.replace(world, start=jnp.asarray(start[2])), campaign.flight).done
+    fit = dataclasses.replace(world, start=jnp.array([0.0, 0.0, 5.0]), goal=jnp.array([20.0, 0.0, 5.0]))
+    assert not take_off(fit, campaign.flight).done
 
 
 @pytest.mark.usefixtures("quick")

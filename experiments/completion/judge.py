@@ -1,0 +1,192 @@
+"""Judge the completion network where it never was: calibration, and plans from one scan, beside constants.
+
+    reliability   of unseen voxels by predicted P: share that is occupied; Brier score = mean of (P − occupied)²
+    plans         from one scan, unseen voxels priced  1 + a P  beside the law of distance; share that crosses buildings
+
+P is 0 (`free`), 1 (`alike`), 1 below what was seen occupied (`extruded`), the network's, or the truth, which no network
+can pass. Problems are drawn as those of the offline protocol; a path crosses a building if a point of it, taken every
+quarter of a metre, lies in a voxel that the city occupies.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from jaxtyping import Bool, Float, Float32, UInt8
+from scipy import stats
+
+import maxjax
+from benchmarks.common.harness import Row, save
+from benchmarks.common.problems import draw_ends, voxels_of
+from experiments.completion import network as net
+from experiments.completion.scenes import GROUND, OCCUPIED, SEEN_OCCUPIED, bits_of, look
+from experiments.completion.train import load
+from maxjax.fields.distance import cube_distance, metres
+from maxjax.nn.autoencoder import Params
+from maxjax.sim.worlds.layouts import MAPS
+from maxjax.sim.worlds.scenes import make_scene, occupancy
+
+RESULTS = Path(__file__).parents[1] / "results"
+_GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), (101, 101, 101), 2.0)
+_LAYERS = slice(46, 86)  # of the grid, as many as the network was trained on, ground as far up
+_EVERY = 0.25  # [m]
+_BINS = 10
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Settings.
+
+    Attributes:
+        weights: folder of a training run; None: without a network.
+        maps: to judge on.
+        problems: a map, five a city.
+        height: a, of the price of what is unseen.
+        seed: of cities and problems.
+        out: where the JSON goes.
+    """
+
+    weights: Path | None = None
+    maps: tuple[str, ...] = ("downtown", "suburb")
+    problems: int = 200
+    height: float = 4.0
+    seed: int = 5000
+    out: Path = RESULTS
+
+
+def command(arguments: Sequence[str]) -> None:
+    """From the command line."""
+    main(tyro.cli(Config, args=arguments))
+
+
+def main(config: Config) -> list[Row]:
+    """Judge; save and return the rows."""
+    loaded = None if config.weights is None else load(config.weights)
+    rows: list[Row] = []
+    for name in config.maps:
+        plans: dict[str, list[tuple[bool, float]]] = {}
+        guessed: list[np.ndarray] = []
+        for k, (bits, start, goal) in enumerate(cases(name, config)):
+            chances = {"free": np.zeros(_GRID.shape, np.float32), "alike": np.ones(_GRID.shape, np.float32)}
+            chances |= {"extruded": _extruded(bits), "truth": ((bits & OCCUPIED) > 0).astype(np.float32)}
+            if loaded is not None:
+                chances["network"] = _predicted(bits, *loaded)
+                unseen = np.asarray(net.unseen_in(jnp.asarray(bits[:, :, _LAYERS])))
+                guessed.append(
+                    np.stack([chances["network"][:, :, _LAYERS][unseen], (bits[:, :, _LAYERS][unseen] & OCCUPIED) > 0])
+                )
+            for how, chance in chances.items():
+                plans.setdefault(how, []).append(crossing(bits, start, goal, chance, config.height))
+            print(f"{name}: {k + 1} of {config.problems}", file=sys.stderr, flush=True)
+        rows += [_plan_row(name, how, found) for how, found in plans.items()]
+        rows += _calibration(name, np.concatenate(guessed, axis=1)) if guessed else []
+        save("completion", config, rows, config.out)
+    return rows
+
+
+def cases(name: str, config: Config) -> Iterator[tuple[UInt8[np.ndarray, "nx ny nz"], np.ndarray, np.ndarray]]:
+    """Bits of scans from starts, the starts and their goals [m]."""
+    for k in range(config.problems):
+        city, place = divmod(k, 5)
+        scene = make_scene(name, config.seed + city)
+        occupied, ground = occupancy(scene.geoms, _GRID)
+        start, goal = draw_ends(np.random.default_rng([config.seed, MAPS.index(name), city, place]), occupied, _GRID)
+        found = look(scene.geoms, jnp.asarray(start), jax.random.key(config.seed + k), _GRID)
+        seen = np.asarray(found.seen_free), np.asarray(found.seen_occupied)
+        yield bits_of(*seen, ground, occupied & ~ground), start, goal
+
+
+def crossing(
+    bits: UInt8[np.ndarray, "nx ny nz"],
+    start: np.ndarray,
+    goal: np.ndarray,
+    chance: Float32[np.ndarray, "nx ny nz"],
+    height: float,
+) -> tuple[bool, float]:
+    """Whether a plan crosses a building, and its length over the straight line; (False, NaN) without a plan.
+
+    Args:
+        bits: of a scan, with what is there.
+        start, goal: [m].
+        chance: P(occupied); of seen voxels it is not read.
+        height: a.
+    """
+    seen = (bits & SEEN_OCCUPIED) > 0
+    ground = (bits & GROUND) > 0
+    where = maxjax.VoxelMap.on(_GRID, seen | ground, ground)
+    distances = maxjax.Distances(price=price_of(bits, chance, height))
+    plan = maxjax.plan(where, start, goal, distances=distances)
+    if plan.status != maxjax.Status.OK:
+        return False, float("nan")
+    return _crosses(plan.path, (bits & OCCUPIED) > 0), plan.length / float(np.linalg.norm(goal - start))
+
+
+def price_of(
+    bits: UInt8[np.ndarray, "nx ny nz"], chance: Float[np.ndarray, "nx ny nz"], height: float
+) -> Float32[np.ndarray, "nx ny nz"]:
+    """N of each voxel: the default law of the distance to what was seen, and a P more where nobody saw."""
+    distances = maxjax.Distances()
+    quarters = cube_distance(jnp.asarray((bits & SEEN_OCCUPIED) > 0), distances.margin / _GRID.spacing)
+    law = np.asarray(distances.price_at(metres(quarters, _GRID.spacing)), np.float32)
+    unseen = np.asarray(net.unseen_in(jnp.asarray(bits)))
+    return law + np.where(unseen, height * chance, 0).astype(np.float32)
+
+
+def _crosses(path: np.ndarray, occupied: Bool[np.ndarray, "nx ny nz"]) -> bool:
+    for a, b in itertools.pairwise(path):
+        count = max(int(np.ceil(np.linalg.norm(b - a) / _EVERY)), 1)
+        points = a + (b - a) * np.linspace(0, 1, count + 1)[:, None]
+        if occupied[tuple(voxels_of(points, _GRID).T)].any():
+            return True
+    return False
+
+
+def _extruded(bits: UInt8[np.ndarray, "nx ny nz"]) -> Float32[np.ndarray, "nx ny nz"]:
+    """1 below what was seen occupied."""
+    seen = (bits & SEEN_OCCUPIED) > 0
+    return (np.cumsum(seen[:, :, ::-1], axis=2)[:, :, ::-1] > 0).astype(np.float32)
+
+
+def _predicted(
+    bits: UInt8[np.ndarray, "nx ny nz"], params: Params, network: net.CompletionNet
+) -> Float32[np.ndarray, "nx ny nz"]:
+    """The network's P in the layers that it was trained on; 0 above and below."""
+    found = np.zeros(bits.shape, np.float32)
+    found[:, :, _LAYERS] = _PROBABILITY(params, jnp.asarray(bits[:, :, _LAYERS]), network)
+    return found
+
+
+_PROBABILITY = jax.jit(net.probability, static_argnums=2)
+
+
+def _plan_row(name: str, how: str, found: Sequence[tuple[bool, float]]) -> Row:
+    lengths = np.array([length for _, length in found])
+    planned = int(np.isfinite(lengths).sum())
+    crossed = sum(crosses for crosses, _ in found)
+    low, high = stats.binomtest(crossed, planned).proportion_ci(0.95, "exact")
+    return {
+        "what": "plans", "map": name, "unseen": how, "problems": len(found), "planned": planned, "crossed": crossed,
+        "low": round(float(low), 4), "high": round(float(high), 4), "length": round(float(np.nanmean(lengths)), 4),
+    }  # fmt: skip
+
+
+def _calibration(name: str, pairs: Float[np.ndarray, "2 n"]) -> list[Row]:
+    """Share of occupied voxels by predicted P, and the Brier score beside that of the mean."""
+    chance, there = pairs
+    place = np.minimum((chance * _BINS).astype(int), _BINS - 1)
+    rows: list[Row] = []
+    for k in range(_BINS):
+        some = place == k
+        told: Row = {"what": "reliability", "map": name, "bin": k, "voxels": int(some.sum())}
+        means = (("predicted", chance), ("occupied", there)) if some.any() else ()
+        rows.append({**told, **{what: round(float(values[some].mean()), 4) for what, values in means}})
+    brier, of_mean = float(((chance - there) ** 2).mean()), float(there.mean() * (1 - there.mean()))
+    return [*rows, {"what": "brier", "map": name, "network": round(brier, 5), "mean": round(of_mean, 5)}]
