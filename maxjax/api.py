@@ -144,7 +144,7 @@ def plan_to_goal(
 
     There is one solve for all starts that keep the radius, and one for each that stands too near: a start beside a wall
     opens no way for another. Plans are independent of each other: paths may cross, and the UAVs are not kept apart in
-    time.
+    time, which `maxjax.keep_apart` does for their trajectories.
 
     Args:
         where: one map.

@@ -85,7 +85,7 @@ def test_legs_of_one_goal_share_a_field(monkeypatch: pytest.MonkeyPatch) -> None
     ways = A, B, A, C, A
     shared = planned(*ways, planner=maxjax.Field())
     assert fleets == [2]
-    monkeypatch.setattr(missions, "_LARGEST_SHARED", 0)
+    monkeypatch.setattr(missions, "LARGEST_SHARED", 0)
     alone = planned(*ways, planner=maxjax.Field())
     assert fleets == [2]
     assert (shared.status, alone.status) == (Status.OK, Status.OK)

@@ -294,7 +294,7 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pytest
 
 def test_every_option_of_plan_may_stand_in_a_file() -> None:
     options = {field.name for field in dataclasses.fields(PlanOptions)}
-    assert KEYS.keys() == options - {"start", "goal", "via", "out", "json", "export"}
+    assert KEYS.keys() == options - {"start", "goal", "or_goal", "via", "out", "json", "export"}
 
 
 @pytest.mark.large
