@@ -90,7 +90,7 @@ def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[...
             given.task.map,
             target,
             camera,
-            vehicles=Vehicles(options.home, options.vehicles, options.longest),
+            vehicles=_vehicles(options, supply),
             distances=Distances(options.radius, options.margin),
         )
     with progress("Timing"):
@@ -121,6 +121,13 @@ def _run(options: PhotoOptions, target: Target, reach: float, take: Callable[...
             report.complain(f"Flight {number}: {flight.verdict.describe()}; --longest S makes flights shorter.")
     report.complain(f"{status.name}: {status.advice}")
     return 1
+
+
+def _vehicles(options: PhotoOptions, supply: Supply | None) -> Vehicles:
+    """Who flies, as long as is asked for, else as long as the battery lasts."""
+    if supply is not None and options.longest is None:
+        return Vehicles.on_battery(supply, options.home, options.vehicles)
+    return Vehicles(options.home, options.vehicles, options.longest)
 
 
 def _target(options: InspectOptions) -> Target:

@@ -41,7 +41,7 @@ class PhotoOptions(ReadOptions, LimitOptions, EnergyOptions, ExportOptions):
         vehicles: How many share the work.
         home: Where a vehicle begins and ends, in the air above it [m]; one for all, or one for each, each with its own
             --home; by default a free place near the target.
-        longest: Longest flight [s], as a battery allows it: what takes longer is flown in several.
+        longest: Longest flight [s]: what takes longer is flown in several; by default as long as --battery lasts.
         separation: Least distance between two vehicles in the air [m]; who would come nearer departs later.
         place: Latitude, longitude [deg] and height above sea level [m] of the map's (0, 0, 0).
         out: Folder for inspection.json and inspection.png.

@@ -85,13 +85,14 @@ class InspectionAnswer:
 def inspect_building(city: City, asked: InspectionRequest) -> InspectionAnswer:
     """Inspect the building at a place, by the rules of the page."""
     began, rules = time.perf_counter(), asked.rules
+    homes = () if asked.home is None else (asked.home,)
     try:
         found = inspect(
             close_air(city, rules.altitudes, asked.highest),
             asked.place,
             asked.camera,
             capture=asked.capture,
-            vehicles=Vehicles(() if asked.home is None else (asked.home,)),
+            vehicles=Vehicles(homes) if rules.supply is None else Vehicles.on_battery(rules.supply, homes),
             distances=rules.distances,
         )
         flights = tuple(weigh_flight(mission, rules.limits, rules.supply) for mission in found.missions)
