@@ -17,7 +17,6 @@ from maxjax.planning.path.route import Route, RouteFn, Routes, no_route, route_o
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.problem import Problem
 from maxjax.planning.problem.task import Task
-from maxjax.planning.run import execution as execute
 from maxjax.planning.run.execution import plan_task
 from maxjax.planning.run.field_planner import FieldPlanner
 from maxjax.planning.run.longer_ascents import with_longer_ascents
