@@ -75,8 +75,8 @@ class Sharing:
             raise ValueError(f"place {k + 1} of {len(there)}: expected a way from home to it, found none")
         if len(there) and there[k] > self.capacity:
             raise ValueError(
-                f"place {k + 1} of {len(there)}: expected a round of at most {self.capacity:g} from home and back, and "
-                f"it alone takes {there[k]:.0f}; give more capacity, or a home that is nearer"
+                f"place {k + 1} of {len(there)}: expected a round of at most {self.capacity:.4g} from home and back, "
+                f"and it alone takes {there[k]:.4g}; give more capacity, or a home that is nearer"
             )
 
     def ordered(self, home: int, places: Sequence[int]) -> tuple[int, ...]:

@@ -148,7 +148,10 @@ class Request(ReadOptions, RouteOptions, LandingOptions, LimitOptions, EnergyOpt
     @property
     def is_mission(self) -> bool:
         """Whether there is more to it than a path from a start to a goal."""
-        return len(self.stops) > 2 or bool(self.roofs) or any(stop != Waypoint(stop.position) for stop in self.stops)
+        # Without their places, of which NaN is not equal to itself.
+        plain = Waypoint((0.0, 0.0, 0.0))
+        more = any(dataclasses.replace(stop, position=plain.position) != plain for stop in self.stops)
+        return len(self.stops) > 2 or bool(self.roofs) or more
 
     def visiting(self, stops: Iterable[Waypoint]) -> Request:
         """The same with stops in the coordinates of the map [m], the roof that it ends on among them."""

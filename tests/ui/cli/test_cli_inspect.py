@@ -98,12 +98,17 @@ def test_a_battery_counts_and_what_it_does_not_last_for_is_not_written(
     # Near 100 W for as long as it flies, and for the take-off and the landing.
     assert 60.0 < (energy["needed"] - energy["takeoff"] - energy["landing"]) * 3600.0 / flight["duration"] < 200.0
     (tmp_path / "way_ned.csv").unlink()
-    assert main([*where, *file, "--battery", "2"]) == 1
+    assert main([*where, *file, "--battery", "2", "--longest", "900"]) == 1
     told = capsys.readouterr()
     assert "Flight 1: the flight takes" in told.err
     assert "the battery has 1.5 Wh above its reserve" in told.err
     assert "CANNOT_RETURN" in told.out
     assert not (tmp_path / "way_ned.csv").exists()
+    # Without a longest flight the work is shared among flights that it lasts for.
+    assert main([*where, "--battery", "5", "--reserve", "0.25", "--json"]) == 0
+    flights = json.loads(capsys.readouterr().out)["flights"]
+    assert len(flights) > 1
+    assert all(flight["energy"]["needed"] <= 0.75 * 5.0 for flight in flights)
 
 
 def test_an_area_is_surveyed(house: str, capsys: pytest.CaptureFixture[str]) -> None:
