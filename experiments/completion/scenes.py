@@ -34,8 +34,8 @@ _REACH, _LOW, _HIGH = 80.0, 3.0, 15.0  # of sensors from the middle of the city,
 _TRIES = 1000
 
 
-class Scan(NamedTuple):
-    """A scan on a grid.
+class Sighting(NamedTuple):
+    """What one scan shows on a grid.
 
     Attributes:
         seen_occupied, seen_free: voxels.
@@ -48,7 +48,7 @@ class Scan(NamedTuple):
 
 
 @functools.partial(jax.jit, static_argnames="grid")
-def look(geoms: Geoms, sensor: Float[Array, " 3"], key: Array, grid: Grid) -> Scan:
+def look(geoms: Geoms, sensor: Float[Array, " 3"], key: Array, grid: Grid) -> Sighting:
     """What a level sensor sees of a city.
 
     Args:
@@ -59,7 +59,7 @@ def look(geoms: Geoms, sensor: Float[Array, " 3"], key: Array, grid: Grid) -> Sc
     """
     points = scan(geoms, _LIDAR, sensor, jnp.eye(3), key).points
     occupied = voxelize(points, grid).occupied
-    return Scan(occupied, passed(sensor, points, grid) & ~occupied, points)
+    return Sighting(occupied, passed(sensor, points, grid) & ~occupied, points)
 
 
 def passed(sensor: Float[Array, " 3"], returns: Float[Array, "r 3"], grid: Grid) -> Bool[Array, "nx ny nz"]:
