@@ -112,15 +112,9 @@ def as_finished(
             if threads > 1:
                 threading.Thread(target=work, args=(item,), daemon=True).start()
             else:
-                finished.put((item, _done(function(item))))
+                work(item)
         if not busy:
             return
         item, future = finished.get()
         busy -= 1
         yield item, future.result()
-
-
-def _done(result: Result) -> Future[Result]:
-    future: Future[Result] = Future()
-    future.set_result(result)
-    return future

@@ -50,6 +50,10 @@ def test_a_part_of_the_problems_is_in_the_same_maps(task: Task) -> None:
     for whole, part in zip(every.some(rows), maps.choose(task.some(rows), costs[rows]), strict=True):
         np.testing.assert_array_equal(whole, part)
     assert not maps.hold(Task.of(task.map[0], task.starts, task.goals, task.distances))
+    # In a map that was not sent.
+    other = task.some(rows)
+    other.map_of[:] = 1
+    assert not maps.hold(other)
 
 
 def test_maps_are_sent_up_to_a_number_of_voxels(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,10 +62,9 @@ class DeviceMaps:
     def __init__(self, task: Task) -> None:
         self._task = task
         used = np.unique(task.map_of)
-        # Where each map of the task is among those that were sent.
-        self._place = np.zeros(int(used[-1]) + 1, np.int32)
+        # Where each map of the task is among those that were sent; −1: it was not.
+        self._place = np.full(int(used[-1]) + 1, -1, np.int32)
         self._place[used] = np.arange(len(used))
-        self._shape = task.grid.shape
         occupied, ground = _distinct(task.barred, used), _distinct(task.kept_off, used)
         shapes = tuple(volume.shape for volume in (occupied, ground))
         bits = jax.device_put([_bits_of(volume) for volume in (occupied, ground)])
@@ -75,13 +74,14 @@ class DeviceMaps:
     @staticmethod
     def fit(task: Task) -> bool:
         """Whether the maps of a task are few and small enough to be sent as a whole."""
-        shared = task.barred.ndim == 3 or task.barred.strides[0] == 0
-        return (1 if shared else len(np.unique(task.map_of))) * math.prod(task.grid.shape) <= _VOXELS
+        count = 1 if _is_shared(task.barred) else len(np.unique(task.map_of))
+        return count * math.prod(task.grid.shape) <= _VOXELS
 
     def hold(self, task: Task) -> bool:
         """Whether they are those of another task, too."""
         mine = task.barred is self._task.barred and task.kept_off is self._task.kept_off
-        return mine and task.price is self._task.price and int(task.map_of.max()) < len(self._place)
+        sent = np.flatnonzero(self._place >= 0)
+        return mine and task.price is self._task.price and bool(np.isin(task.map_of, sent).all())
 
     def choose(self, task: Task, costs: Float64[np.ndarray, " b"]) -> Windows:
         """`focus_window.windows_around`, in single precision.
@@ -124,18 +124,21 @@ class DeviceMaps:
             "ends": view.ends(every),
             "map": self._place[view.task.map_of],
             "rim": view.rim(every),
-            "turned": view.turned[:, None],
+            "turned": view.turned,
         }
         return np.asarray(messages.pack(shown, axes=1))
 
 
 def _distinct(volumes: Bool[np.ndarray, "..."], used: Int64[np.ndarray, " u"]) -> Bool[np.ndarray, "m nx ny nz"]:
     """The maps that are used, as few as there are; one where all problems share it."""
-    if volumes.ndim == 3:
-        return volumes[None]
-    if volumes.strides[0] == 0:
-        return volumes[:1]
+    if _is_shared(volumes):
+        return volumes[None] if volumes.ndim == 3 else volumes[:1]
     return volumes if len(used) == len(volumes) else volumes[used]
+
+
+def _is_shared(volumes: Bool[np.ndarray, "..."]) -> bool:
+    """Whether all problems have one map, be it given once or as a row of views."""
+    return volumes.ndim == 3 or volumes.strides[0] == 0
 
 
 def _bits_of(volumes: Bool[np.ndarray, "m nx ny nz"]) -> UInt8[np.ndarray, " bytes"]:
@@ -166,7 +169,7 @@ def _choose(table: Table, asked: UInt8[Array, "b sent"], shapes: tuple[Index3, .
 
     chosen = choose(told["ends"], told["cost"], (nx, ny, nz), shapes, lowest_open, jnp)
     sent = Choice(chosen.corners.astype(jnp.int32), chosen.sizes.astype(jnp.int32), chosen.bounds.astype(jnp.float32))
-    return in_host_memory(jnp.asarray(messages.pack(sent._replace(bounds=sent.bounds[:, None]), axes=1)))
+    return in_host_memory(jnp.asarray(messages.pack(sent, axes=1)))
 
 
 def _plan(
