@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from maxjax.core.grid import Point3
+from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap, check_single_map
 from maxjax.inspection.target_surface import city_faces
 from maxjax.inspection.targets import Chosen, Target, choose
@@ -225,10 +226,9 @@ def _steps(height: Rows) -> Float64[np.ndarray, "8 nx ny"]:
 
 
 def _top_of_voxels(where: VoxelMap, places: Float64[np.ndarray, "n 2"]) -> Float64[np.ndarray, " n"]:
-    """Upper face of the highest occupied voxel at places in plan [m]; -inf where there is none."""
-    occupied, grid = np.asarray(where.occupied), where.grid
-    highest = grid.shape[2] - occupied[:, :, ::-1].argmax(axis=2)
-    top = np.where(occupied.any(axis=2), grid.lower[2] + grid.spacing * highest, -np.inf)
+    """Upper face of the highest occupied voxel at places in plan [m]; NaN where there is none."""
+    grid = where.grid
+    top = Terrain.of(np.asarray(where.occupied), grid).heights
     index = np.floor((places - np.array(grid.lower[:2])) / grid.spacing).astype(np.int64)
     i, j = np.clip(index, 0, np.array(grid.shape[:2]) - 1).T
     return np.asarray(top[i, j], np.float64)

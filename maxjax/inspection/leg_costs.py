@@ -60,8 +60,8 @@ class TimeCost:
 class EnergyCost:
     """Energy of straight legs from rest to rest, and of what is done at their end [Wh].
 
-    The seconds of `TimeCost`, each at the power of hovering or of level flight, whichever is more: what a battery lasts
-    for is judged by the flight as it is planned (`energy.verdicts`), and this is what legs are shared by before.
+    The seconds of `TimeCost`, each at the power of hovering or of level flight, whichever is more. Work is shared by
+    it; what a battery lasts for is judged by the flight as it is planned (`energy.point_of_no_return`).
 
     Attributes:
         airframe: that flies.
