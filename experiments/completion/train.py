@@ -1,5 +1,7 @@
 """Draw scans of `midtown`, and train the completion network on them; resumable.
 
+    python -m experiments.completion.train --record       two cores: 30 minutes
+
     folder/scenes-*.npz: scans by city      folder/checkpoint.json, state-*.npz      folder/log.jsonl: an epoch a line
 
 Everything random is a function of (seed, epoch, step). A run that was ended goes on from the last city that was drawn,
@@ -14,28 +16,28 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tyro
-from jax import lax
 from jaxtyping import Array, UInt8
 
+from benchmarks.common.command import configured
+from benchmarks.common.harness import Row, save
 from experiments.completion import network as net
-from experiments.completion.network import NETWORK, TINY_NETWORK, CompletionNet
+from experiments.completion.network import NETWORK, TINY_NETWORK, CompletionNet, Params
 from experiments.completion.scenes import GRID, draw_scene
 from maxjax.compile.threads import concurrently
 from maxjax.core.files import atomic_write, read_text
 from maxjax.core.serialization import load_pytree, save_pytree
 from maxjax.nn import optimizer
-from maxjax.nn.autoencoder import Params
 from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
 from maxjax.nn.optimizer import AdamW, Moments
 
+RESULTS = Path(__file__).parents[1] / "results"
 LOG = "log.jsonl"
 
 
@@ -44,7 +46,7 @@ class Config:
     """Settings.
 
     Attributes:
-        folder: of scans, checkpoint and log.
+        folder: of scans, checkpoint and log, from which an ended run goes on.
         map: to train on.
         cities, places: scans are drawn from so many cities and so many places in each.
         epochs: passes over the scans.
@@ -52,17 +54,19 @@ class Config:
         rate: peak learning rate.
         seed: of everything.
         tiny: a network that trains in seconds, to see that it works.
+        out: where the JSON of the losses goes.
     """
 
-    folder: Path
+    folder: Path = Path("build/completion")
     map: str = "midtown"
-    cities: int = 400
+    cities: int = 300
     places: int = 6
-    epochs: int = 30
+    epochs: int = 12
     batch: int = 8
     rate: float = 1e-3
     seed: int = 0
     tiny: bool = False
+    out: Path = RESULTS
 
     @property
     def network(self) -> CompletionNet:
@@ -72,36 +76,36 @@ class Config:
     @property
     def identity(self) -> dict[str, Any]:
         """What a checkpoint must be of."""
-        stated = {name: value for name, value in dataclasses.asdict(self).items() if name != "folder"}
+        stated = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("folder", "out")}
         found: dict[str, Any] = json.loads(json.dumps(stated))
         return found
 
 
+TINY = Config(Path("build/tiny/completion"), cities=1, places=2, epochs=2, batch=2, tiny=True)
+
 State = tuple[Params, Moments]
 
 
-def command(arguments: Sequence[str]) -> None:
-    """From the command line."""
-    main(tyro.cli(Config, args=arguments), lambda line: print(line, file=sys.stderr, flush=True))
-
-
-def main(config: Config, report: Callable[[str], None] = lambda _: None) -> Params:
-    """Train, or go on; returns the weights.
+def main(config: Config) -> list[Row]:
+    """Train, or go on; save and return the loss of each epoch.
 
     Raises:
         ValueError: for a checkpoint of other settings, or a loss that is not finite.
     """
-    scans = draw(config, report)
+    scans = draw(config)
     state, done = _resumed(config)
     steps = -(-len(scans) // config.batch)
-    epoch = epoch_program(config, len(scans))
+    step = step_program(config, len(scans))
     given = jnp.asarray(scans)
     log = config.folder / LOG
     lines = (read_text(log).decode().splitlines() if log.exists() else [])[:done]
     for number in range(done, config.epochs):
         started = time.perf_counter()
-        state, losses = epoch(state, given)
-        mean = float(jnp.mean(losses))
+        losses = []
+        for _ in range(steps):
+            state, value = step(state, given)
+            losses.append(value)
+        mean = float(np.mean(losses))
         if not np.isfinite(mean):
             raise ValueError(f"loss: not finite in epoch {number + 1}; the checkpoint before is kept; lower the rate")
         lines.append(
@@ -109,11 +113,13 @@ def main(config: Config, report: Callable[[str], None] = lambda _: None) -> Para
         )
         save_checkpoint(config.folder, state, (number + 1) * steps, config.identity)
         atomic_write(log, "".join(line + "\n" for line in lines))
-        report(lines[-1])
-    return state[0]
+        print(lines[-1], file=sys.stderr, flush=True)
+    rows: list[Row] = [json.loads(line) for line in lines]
+    save("completion_training", config, rows, config.out)
+    return rows
 
 
-def draw(config: Config, report: Callable[[str], None]) -> UInt8[np.ndarray, "n nx ny nz"]:
+def draw(config: Config) -> UInt8[np.ndarray, "n nx ny nz"]:
     """The scans, those that the folder holds and those that it lacks, which it holds afterwards."""
     config.folder.mkdir(parents=True, exist_ok=True)
 
@@ -130,30 +136,30 @@ def draw(config: Config, report: Callable[[str], None]) -> UInt8[np.ndarray, "n 
     for scans in concurrently(of_city, range(config.cities), os.cpu_count() or 1):
         found.append(scans)
         if len(found) % 50 == 0:
-            report(f"{len(found)} of {config.cities} cities")
+            print(f"{len(found)} of {config.cities} cities", file=sys.stderr, flush=True)
     return np.concatenate(found)
 
 
 @functools.lru_cache(maxsize=2)
-def epoch_program(config: Config, count: int) -> Callable[[State, Array], tuple[State, Array]]:
-    """One epoch as a jitted function (state, scans) ↦ (state, loss of each step); the state given is consumed."""
+def step_program(config: Config, count: int) -> Callable[[State, Array], tuple[State, Array]]:
+    """One step as a jitted function (state, scans) ↦ (state, loss); the state given is consumed.
+
+    Not a scan over steps: XLA's convolutions on a CPU take 40 times as long inside a loop.
+    """
     steps, network = -(-count // config.batch), config.network
     settings = AdamW(config.rate, steps * config.epochs, warmup=min(200, steps))
 
-    def step(state: State, given: tuple[Array, Array], scans: Array) -> tuple[State, Array]:
+    def step(state: State, scans: Array) -> tuple[State, Array]:
         params, moments = state
-        chosen, key = given
-        batch = jax.vmap(net.turn)(scans[chosen], jax.random.split(key, config.batch))
+        epoch, place = jnp.divmod(moments.step, steps)
+        order, turns = jax.random.split(jax.random.fold_in(jax.random.key(config.seed + 1), epoch))
+        shuffled = jnp.resize(jax.random.permutation(order, count), (steps, config.batch))
+        keys = jax.random.split(jax.random.fold_in(turns, place), config.batch)
+        batch = jax.vmap(net.turn)(scans[shuffled[place]], keys)
         value, slope = jax.value_and_grad(net.loss)(params, batch, network)
         return optimizer.update(settings, params, moments, slope), value
 
-    def epoch(state: State, scans: Array) -> tuple[State, Array]:
-        number = state[1].step // steps
-        order, *keys = jax.random.split(jax.random.fold_in(jax.random.key(config.seed + 1), number), steps + 1)
-        chosen = jnp.resize(jax.random.permutation(order, count), (steps, config.batch))
-        return lax.scan(lambda state, given: step(state, given, scans), state, (chosen, jnp.stack(keys)))
-
-    program: Callable[[State, Array], tuple[State, Array]] = jax.jit(epoch, donate_argnums=0)
+    program: Callable[[State, Array], tuple[State, Array]] = jax.jit(step, donate_argnums=0)
     return program
 
 
@@ -187,3 +193,7 @@ def _resumed(config: Config) -> tuple[State, int]:
     state: State = load_checkpoint(config.folder, _first(config))
     steps = -(-config.cities * config.places // config.batch)
     return state, int(state[1].step) // steps
+
+
+if __name__ == "__main__":
+    main(configured(TINY))

@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 import pytest
 import trimesh
 
+from benchmarks.common.mesh_rays import MeshRays
 from maxjax.sim.worlds.raycast import cast_rays
 from maxjax.sim.worlds.triangle_geoms import triangle_geoms
-from tests.inspection.towns import ray_model
-
-
-def by_mujoco(corners: np.ndarray, origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """C `mj_ray` on a mesh of the triangles, ray by ray; infinity on a miss."""
-    model, data = ray_model(corners)
-    geom = np.zeros(1, np.int32)
-    # MuJoCo moves a mesh to its own middle and axes, and the geom with it: the world's coordinates stay.
-    found = np.array([mujoco.mj_ray(model, data, origin, ray, None, 1, -1, geom) for ray in rays])
-    return np.where(found < 0.0, np.inf, found)
 
 
 def scene(rng: np.random.Generator) -> np.ndarray:
@@ -38,7 +28,7 @@ def test_rays_agree_with_c_mujoco() -> None:
     """From within and from outside, on both sides of faces: as MuJoCo has it, to a millimetre."""
     rng = np.random.default_rng(0)
     corners = scene(rng)
-    geoms = triangle_geoms(corners, 512)
+    geoms, oracle = triangle_geoms(corners, 512), MeshRays(corners)
     cast = jax.jit(cast_rays)
     differ = total = hits = 0
     for origin in ([30.0, 5.0, 12.0], [0.0, 0.0, 10.0], [12.0, 3.0, 4.0], [-20.0, -8.0, 30.0]):
@@ -46,7 +36,7 @@ def test_rays_agree_with_c_mujoco() -> None:
         rays[:200] = corners.mean(axis=1)[rng.integers(0, len(corners), 200)] - origin
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         given = np.asarray(cast(geoms, jnp.asarray(origin, jnp.float32), jnp.asarray(rays, jnp.float32)))
-        expected = by_mujoco(corners, np.array(origin), rays)
+        expected = oracle.first_hits(np.array(origin), origin + rays)
         both = np.isfinite(given) & np.isfinite(expected)
         gap = np.where(both, np.abs(np.where(both, given, 0.0) - np.where(both, expected, 0.0)), 0.0)
         differ += int(((np.isfinite(given) != np.isfinite(expected)) | (gap > 1e-3)).sum())

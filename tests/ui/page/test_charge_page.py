@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import maxjax
+from maxjax.energy.split_flights import weigh_flight
 from maxjax.planning.waypoint import Waypoint
 from maxjax.ui.page.answer import Answer, answer, describe_answer
 from maxjax.ui.page.charge_chart import charge_chart
 from maxjax.ui.page.download import file_of, page_of
-from maxjax.ui.page.inspection_answer import describe_inspection, inspect_building
+from maxjax.ui.page.inspection_answer import InspectionRequest, describe_inspection, inspect_building
 from maxjax.ui.request import Request
 from tests.ui.page.test_inspection_page import ASKED, RULES, city
 from tests.ui.page.test_page import town
@@ -75,15 +76,20 @@ def test_what_the_battery_does_not_last_for_is_told_and_not_downloaded() -> None
 
 
 def test_an_inspection_has_its_charge_and_its_verdict() -> None:
-    lasts, short = (
-        inspect_building(city(), dataclasses.replace(ASKED, rules=dataclasses.replace(RULES, battery=battery, **GIVEN)))  # type: ignore[arg-type]
-        for battery in (77.0, 2.0)
-    )
+    def asked(battery: float) -> InspectionRequest:
+        return dataclasses.replace(ASKED, rules=dataclasses.replace(RULES, battery=battery, **GIVEN))  # type: ignore[arg-type]
+
+    lasts, small = inspect_building(city(), asked(77.0)), asked(2.0).rules
+    flights = tuple(weigh_flight(mission, small.limits, small.supply) for mission in lasts.verified.missions)
+    short = dataclasses.replace(lasts, flights=flights)
     (flight,) = lasts.flights
     assert flight.verdict is not None
     assert f"Battery: {flight.verdict.describe()}." in describe_inspection(lasts)
     assert "Battery: **CANNOT_RETURN** the flight takes" in describe_inspection(short)
     with pytest.raises(ValueError, match="CANNOT_RETURN"):
         short.verified  # noqa: B018 (raises)
+    refused = describe_inspection(inspect_building(city(), asked(2.0)))
+    assert "### Cannot be inspected\nplace" in refused
+    assert "give more capacity" in refused
     chart = charge_chart(lasts.flights, lasts.request.rules.supply)
     assert f"<span>{lasts.duration:.0f} s</span>" in chart
