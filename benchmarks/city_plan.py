@@ -126,7 +126,7 @@ def main(config: Config) -> list[Row]:
     rows: list[Row] = []
     context = multiprocessing.get_context("spawn")
     for k, text in enumerate(config.cities):
-        shape = _shape(text)
+        shape = shape_of(text)
         for focus in (True, False) if k == 0 and config.compare else (True,):
             with context.Pool(1) as pool:
                 row = pool.apply(crossed, (shape, k == 0, focus))
@@ -136,7 +136,12 @@ def main(config: Config) -> list[Row]:
     return rows
 
 
-def _shape(text: str) -> tuple[int, int, int]:
+def shape_of(text: str) -> tuple[int, int, int]:
+    """Voxels of a city that is given as NXxNYxNZ.
+
+    Raises:
+        ValueError: if it is not, or too small for both ends.
+    """
     numbers = [int(part) for part in text.split("x") if part.isdecimal()]
     if len(numbers) != 3 or min(numbers[:2]) < 3 * _CORNER:
         raise ValueError(f"--cities: expected NXxNYxNZ, {3 * _CORNER} or more voxels wide, given {text!r}")

@@ -12,7 +12,9 @@ core. `plan` rows: from the map to the verified path, by the field and by A* (it
 field's). `batch` rows: compiled searches on all cores, `plan_batch`, and with prices as many plans by A*, a process a
 core. `fleet` rows, with prices: many starts for one goal on one map, 20 to 80 m from it or anywhere: the one field
 alone, `plan_fleet` from the map to verified paths, compiled searches on all cores, and as many plans by A*, of which a
-few are timed, one after the other. dijkstra3d's full distance fields (extra `bench`) count 26 neighbours too, but they
+few are timed, one after the other. `sampled paths`: a thousand a problem through layers of random points
+(`benchmarks.common.layered_sampling`), how many our verifier finds safe, and the shortest safe one beside the field's.
+dijkstra3d's full distance fields (extra `bench`) count 26 neighbours too, but they
 cut corners, and a price is paid by the voxel, not by the metre.
 """
 
@@ -27,12 +29,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import RESULTS, Row, keep, left_out, package, save
+from benchmarks.common.layered_sampling import layered_paths
 from benchmarks.common.problems import joined, problems, voxels_of
 from benchmarks.common.processes import planned_by_processes
 from maxjax import VoxelMap
@@ -59,6 +63,7 @@ class Config:
         maps: maps to take problems from.
         problems: problems a map, for queries and batches of searches.
         batch: plans of a call of `plan_batch`.
+        sampled: paths through random layers, a problem.
         starts: of a fleet.
         plans: of these, planned by A* one by one.
         city: of the fleet: map and seed.
@@ -72,6 +77,7 @@ class Config:
     maps: tuple[str, ...] = MAPS
     problems: int = 10
     batch: int = 24
+    sampled: int = 1000
     starts: int = 1000
     plans: int = 30
     city: tuple[str, int] = ("downtown", 0)
@@ -83,7 +89,8 @@ class Config:
 
 
 TINY = Config(
-    maps=("suburb",), problems=1, batch=1, starts=6, plans=1, city=("suburb", 0), shape=(51, 51, 33), repeats=1,
+    maps=("suburb",), problems=1, batch=1, sampled=20, starts=6, plans=1, city=("suburb", 0), shape=(51, 51, 33),
+    repeats=1,
 )  # fmt: skip
 
 
@@ -109,6 +116,7 @@ def main(config: Config) -> list[Row]:
     add(_query_rows(priced, "priced"))
     add(_batch_rows(by_length, "by length", config))
     add(_query_rows(by_length, "by length"))
+    add([_sampled_row(by_length, config)])
     if not astar_compiled.available():
         rows.append(left_out("compiled A*", "no C++ compiler"))
     if package("dijkstra3d") is None:
@@ -199,6 +207,26 @@ def _batch_rows(tasks: list[Task], told: str, config: Config) -> list[Row]:
 def _planned_by_astar(tasks: list[Task], told: str, config: Config) -> Row:
     seconds, solved = planned_by_processes(tasks, "astar", config.batch, config.repeats)
     return _rate(_row(f"batch, {told}: plans by A*", [min(seconds)], config.batch, solved=solved))
+
+
+def _sampled_row(tasks: list[Task], config: Config) -> Row:
+    """Paths through random layers: how quick they are, how many of those found are safe, how long the best."""
+    keys, seconds, found, safe, over = jax.random.split(jax.random.key(config.seed), config.sampled), [], 0, 0, []
+    for task in tasks:
+        plan, ends = _plan(task, "solver"), jnp.asarray(np.concatenate([task.starts, task.goals]))
+        call = functools.partial(layered_paths, jnp.asarray(problem_of(task).blocked), ends, keys, task.grid)
+        paths = np.asarray(call())
+        seconds.append(_least(lambda call=call: jax.block_until_ready(call())))  # type: ignore[misc]
+        verdicts = [
+            maxjax.verify(path, task.map, radius=task.distances.radius, exemptions=plan.exemptions)
+            for path in paths[np.isfinite(paths).all(axis=(1, 2))]
+        ]
+        found += len(verdicts)
+        lengths = [verdict.length for verdict in verdicts if verdict.ok]
+        safe += len(lengths)
+        over += [min(lengths) / plan.length] if lengths and plan.status == maxjax.Status.OK else []
+    row = _row("sampled paths", seconds, config.sampled, found=found, safe=safe, solved=len(over))
+    return _rate({**row, "over": round(statistics.median(over), 4) if over else None})
 
 
 def _fleet(config: Config, grid: maxjax.Grid, reach: tuple[float, float]) -> tuple[Task, list[Query]]:

@@ -11,6 +11,9 @@ it stands, in float32; `folded` what `load_model` uses on this device (kernels f
 closed law of free space; then the networks; `solver` is the multigrid solver by itself. `by_sweeps` counts the problems
 certified without it. Time is the whole potential, from conductivity to certificate, after compilation.
 
+`plan` rows: whole plans in cities of `benchmarks.city_plan`, ends 300 voxels apart or as far as the city is: the field
+plans in windows, a network the whole map, as it was trained.
+
 Expected: a few sweeps certify what the network says on both maps, what the closed law says in the suburb; on two CPU
 cores the solver by itself is two to four times quicker than the network.
 """
@@ -28,6 +31,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int32
 
+import maxjax
+from benchmarks.city_plan import SPACING, city, ends, shape_of
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, keep, measure, save
 from benchmarks.common.markdown import Document, device, number, table
@@ -58,6 +63,7 @@ class Config:
         problems: to certify, a map.
         shape: of the grid, voxels of 2 m.
         seed: of the problems.
+        cities: to plan in, NXxNYxNZ voxels.
         name: of the result file.
         remark: what else a reader should know of the run.
         out: where the JSON goes.
@@ -70,12 +76,13 @@ class Config:
     problems: int = 10
     shape: tuple[int, int, int] = (101, 101, 101)
     seed: int = 0
+    cities: tuple[str, ...] = ("128x128x64", "384x384x64")
     name: str = "network_cost"
     remark: str = ""
     out: Path = RESULTS
 
 
-TINY = Config(models=(), maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33))
+TINY = Config(models=(), maps=("suburb",), problems=1, repeats=1, shape=(41, 41, 33), cities=("48x48x32",))
 
 
 def nothing(known: Known) -> Float[Array, "nx ny nz"]:
@@ -94,6 +101,9 @@ def main(config: Config) -> list[Row]:
     rows: list[Row] = []
     for model in models:
         rows += _forward(model, config)
+        keep(config.name, config, rows, config.out)
+    for text in config.cities:
+        rows += _plans(text, config.repeats)
         keep(config.name, config, rows, config.out)
     starts: dict[str, LogPotential] = {"nothing": nothing, "analytic": analytic}
     starts |= {model.name: model.log_potential for model in models}
@@ -138,6 +148,31 @@ def _forward(model: Model, config: Config) -> list[Row]:
                 }
             )
             print(rows[-1], file=sys.stderr)
+    return rows
+
+
+def _plans(text: str, repeats: int) -> list[Row]:
+    """Plans through a city by the field and by the network."""
+    shape = shape_of(text)
+    occupied, ground = city(shape)
+    where = maxjax.VoxelMap.on(Grid(shape, SPACING, (0.0,) * 3), occupied, ground)
+    start, goal = ends(occupied, corners=False)
+    rows: list[Row] = []
+    for method, planner in (("field", maxjax.Field()), ("network", maxjax.Network())):
+        plan = maxjax.plan(where, start, goal, planner=planner)
+        time = measure(functools.partial(maxjax.plan, where, start, goal, planner=planner), repeats)
+        rows.append(
+            {
+                "what": "plan",
+                "city": text,
+                "by": method,
+                "status": plan.status.name,
+                "certified": plan.certified,
+                "length_m": round(plan.length, 2),
+                "ms_median": round(1e3 * time.median_s, 2),
+            }
+        )
+        print(rows[-1], file=sys.stderr)
     return rows
 
 
@@ -206,6 +241,17 @@ def section(document: Document) -> str:
         for row in sorted(rows, key=lambda row: str(row.get("map")))
         if row["what"] == "certificate"
     ]
+    plans = [
+        [
+            str(row["city"]).replace("x", " × "),
+            str(row["by"]),
+            str(row["status"]),
+            number(row["length_m"]),
+            number(row["ms_median"]),
+        ]
+        for row in rows
+        if row["what"] == "plan"
+    ]
     return (
         f"### What the networks cost and add ({device(document)})\n\n"
         "A forward pass over 101³ voxels; plain: convolutions as they are defined, by XLA; folded: what maxjax uses.\n"
@@ -215,6 +261,8 @@ def section(document: Document) -> str:
         "the solver by itself. Time of the whole potential, median (largest), after compilation.\n"
         + (f"{remark}\n\n" if (remark := document["config"].get("remark")) else "\n")
         + table(["map", "start", "certified", "by sweeps alone", "sweeps, median", "ms"], ways, left=2)
+        + ("\nWhole plans: the field in windows, the network over the whole map.\n\n" if plans else "")
+        + (table(["city, voxels", "by", "status", "m", "ms"], plans, left=3) if plans else "")
     )
 
 

@@ -56,6 +56,14 @@ def _rivals(document: Document) -> str:
         figures = {str(row["what"]).split(".")[1]: number(row["median"]) for row in peers}
         told = " and ".join(f"`{name}` {figure} ms" for name, figure in figures.items())
         sentences.append(f"dijkstra3d's full distance fields, which cut corners, on one core: {told}.")
+    if (row := rows.get("sampled paths")) is not None and row["over"] is not None:
+        rate, found, safe = number(row["per_second"]), row["found"], row["safe"]
+        sentences.append(
+            f"Paths through three layers of random points, as GTMP finds them (arXiv:2411.19393): {rate} a second;\n"
+            f"of {found:,} that were found free at points, {safe:,} are safe to the verifier; the shortest safe one\n"
+            f"of each problem ({row['solved']} have one) is {row['over']:.2f} times as long as the field's, median.\n"
+            "They have no clearance price and no certificate."
+        )
     sentences += [f"{row['what']}: {row['note']}." for row in rows.values() if "note" in row]
     heads = [f"on {device(document)}", "field", "A\\*, compiled", "A\\*, Python"]
     measured = [line for line in lines if any(line[1:])]

@@ -118,7 +118,7 @@ class Config:
         """
         if self.rows == "readings":
             return {name: Loop(reading) for name, reading in READINGS.items()}
-        return layers(best_reading(json.loads((RESULTS / "paper_readings.json").read_text(encoding="utf-8"))["rows"]))
+        return layers(best_recorded())
 
 
 TINY = Config(loops=(str(dataclasses.replace(BEFORE, field="exact")),), trials=1, maps=("suburb",), plans=3)
@@ -160,6 +160,15 @@ def best_reading(rows: Sequence[Row]) -> Reading:
         if name in READINGS and READINGS[name].field == "paper":
             arrived[name] = arrived.get(name, 0.0) + share
     return READINGS[max(arrived, key=arrived.__getitem__)]
+
+
+def best_recorded() -> Reading:
+    """The best reading by the recorded result.
+
+    Raises:
+        OSError: if there is none.
+    """
+    return best_reading(json.loads((RESULTS / "paper_readings.json").read_text(encoding="utf-8"))["rows"])
 
 
 def flight_of(loop: Loop | Whole, plans: int | None = None) -> FlightConfig:

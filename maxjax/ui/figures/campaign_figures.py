@@ -75,13 +75,14 @@ def figure_swarm(fleet: SwarmTrial, log: SwarmLog) -> Figure:
     )
 
 
-def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight]) -> bytes:
+def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight], *, by: str = "") -> bytes:
     """The film of one trial, an animated GIF.
 
     Args:
         campaign: what was flown.
         outcome: of the trial.
         flights: before its first planning period and after each, two at least.
+        by: what flew it, for the title.
     """
     start, goal = (np.asarray(end, np.float32) for end in (outcome.start, outcome.goal))
     geoms = TrialSite(campaign.map, outcome.city, start, goal).solids
@@ -94,7 +95,7 @@ def film_trial(campaign: Campaign, outcome: Outcome, flights: Sequence[Flight]) 
         clearance = np.minimum(clearance, _to_movers(movers, jnp.asarray(times), jnp.asarray(where)))
         moving = moving_of(movers, times, moments_of(flights))
     filmed = Filmed(looks, np.asarray(outcome.goal), clearance, campaign.config.radius, moving)
-    title = f"{_title(campaign, outcome.city)}, trial {outcome.trial}: {outcome.status}"
+    title = f"{_title(campaign, outcome.city)}, trial {outcome.trial}{by and f', {by}'}: {outcome.status}"
     return film_flight(filmed, *_obstacle_in(campaign.map, outcome.city), title=title)
 
 
