@@ -58,8 +58,8 @@ def plans(*documents: Document) -> str:
         + "".join(f"\n{batch}\n" for batch in batches)
         + "".join(f"\n{_beside_the_paper(document)}\n" for document in documents[1:])
         + "\nOn a GPU a single plan waits, it does not compute: flood fills, ascent and tightening are many kernels\n"
-        "of a few microseconds, one after the other. Of a batch it is sent each map once, and then ends, a chunk of\n"
-        "windows while it works on another; all paths are verified together at the end.\n"
+        "of a few microseconds, one after the other. Of a batch it is sent each map once, as bits, and the ends; it\n"
+        "chooses and cuts the windows itself, and all paths are verified together at the end.\n"
     )
 
 
@@ -73,15 +73,14 @@ def _beside_the_paper(document: Document) -> str:
     """How many times as long the paper's planner takes, on its own machine and problems."""
     total = pick(document, "what", "plan, solver: total")
     assert total is not None
-    alone = total["median"]
-    together = min((row["median"] for row in document["rows"] if "plans_per_second" in row), default=alone)
     # The quicker of its two maps.
     theirs = min(1e3 * methods["3DMaxConvNet"][2] for methods in PAPER.values())
-    return (
+    told = (
         f"The paper states {theirs:.0f} ms for a plan by its network, on its own machine and problems: "
-        f"{number(theirs / alone)} times\n"
-        f"a plan on the {device(document)}, {number(theirs / together)} times one of a batch."
+        f"{number(theirs / total['median'])} times\na plan on the {device(document)}"
     )
+    together = min((row["median"] for row in document["rows"] if "plans_per_second" in row), default=None)
+    return f"{told}{'' if together is None else f', {number(theirs / together)} times one of a batch'}."
 
 
 def verdicts(*documents: Document) -> str:

@@ -54,7 +54,7 @@ TINY = Config(plans=2)
 def main(config: Config) -> list[Outcome]:
     """Fly both, and film them; their outcomes."""
     outcomes, films = [], []
-    flown = {"the paper's loop": Loop(best_recorded()), "maxjax": Whole(Field(), alone=False)}
+    flown: dict[str, Loop | Whole] = {"the paper's loop": Loop(best_recorded()), "maxjax": Whole(Field(), alone=False)}
     for name, loop in flown.items():
         trials = range(config.trial, config.trial + 1)
         campaign = Campaign(config.map, config.seed, trials, config=flight_of(loop, config.plans))
