@@ -13,6 +13,9 @@ from maxjax.planning.run.stages import PotentialFn
 class Network(FieldPlanner):
     """Climb a predicted potential, improved until it is certified; where that does not suffice, the solver takes over.
 
+    A network plans the whole map, where `Field` plans a window of it: many times as long, and the longer the larger the
+    map (`experiments.network_cost` measures both).
+
     Attributes:
         model: name of the network, one whose weights come with maxjax.
         max_sweeps: positive sweeps that a prediction is given to be certified; 0: the network alone, and no solver.

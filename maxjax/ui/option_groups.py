@@ -94,8 +94,9 @@ class RouteOptions:
             height above the ground beneath [m]; agl: latitude, longitude [deg] and that height; home: latitude,
             longitude and height above the ground beneath the start; amsl: those and height above sea level.
         method: field: climb the conduction potential, with a certificate. network: one that a network predicts,
-            improved until it is certified. Rivals: astar, rrtstar (OMPL's), apf (an artificial potential field). A
-            planner of your own: its import path (docs/own_planner.md).
+            improved until it is certified; it plans the whole map and takes many times as long. Rivals: astar, rrtstar
+            (OMPL's), apf (an artificial potential field). A planner of your own: its import path
+            (docs/own_planner.md).
         radius: Distance that nothing on the path comes under [m], except around an end that stands nearer.
         margin: Distance where obstacles cost nothing [m].
         price: What a metre costs nearer than that: quadratic, exponential or speed, with a height as in quadratic:3.5;
