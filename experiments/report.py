@@ -41,6 +41,8 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("network_cost", "network_cost"),
         ("network_cost_h200", "network_cost"),
         ("offline_networks", "offline_many"),
+        ("completion_training", "completion.tables"),
+        ("completion", "completion.tables"),
     ),
     "Problems and maps that judge": (
         ("random_problems", "random_problems"),
