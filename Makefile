@@ -36,7 +36,7 @@ check: lint
 
 # Before a change is proposed: every property, and a small run of every experiment and benchmark.
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not nightly and not docs'
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not nightly and not docs' --durations 40
 
 # Once a day: what takes long as well, and all that experiments and benchmarks claim at a small size.
 nightly: setup
