@@ -94,7 +94,8 @@ def main(config: Config) -> list[Row]:
                 )
             for how, chance in chances.items():
                 plans.setdefault(how, []).append(crossing(bits, start, goal, chance, config.height))
-            print(f"{name}: {k + 1} of {config.problems}", file=sys.stderr, flush=True)
+            crossed = ", ".join(f"{how} {sum(crosses for crosses, _ in some)}" for how, some in plans.items())
+            print(f"{name}: {k + 1} of {config.problems}, crossed: {crossed}", file=sys.stderr, flush=True)
         rows += [_plan_row(name, how, found) for how, found in plans.items()]
         rows += _calibration(name, np.concatenate(guessed, axis=1)) if guessed else []
         save("completion", config, rows, config.out)
