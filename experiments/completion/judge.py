@@ -20,11 +20,12 @@ import sys
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32
 from scipy import stats
 
 import maxjax
@@ -32,18 +33,17 @@ from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.problems import draw_ends, voxels_of
 from experiments.city_windows import CITIES, windows
-from experiments.completion import network as net
-from experiments.completion.network import Params
-from experiments.completion.scenes import GROUND, OCCUPIED, SEEN_OCCUPIED, bits_of, look
+from experiments.completion.scenes import look
 from experiments.completion.train import load
-from maxjax.fields.distance import cube_distance, metres
+from maxjax import VoxelMap
+from maxjax.nn.unseen import predict_unseen, price_unseen
 from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.real_city import TOLERANCE, city
 from maxjax.sim.worlds.scenes import make_scene, occupancy
 
 RESULTS = Path(__file__).parents[1] / "results"
 _GRID = maxjax.Grid.centered((0.0, 0.0, 0.0), (101, 101, 101), 2.0)
-_LAYERS = slice(46, 86)  # of the grid, as many as the network was trained on, ground as far up
+Volume = Bool[np.ndarray, "nx ny nz"]
 _EVERY = 0.25  # [m]
 _BINS = 10
 _EACH, _WINDOWS = 5, 8  # problems a city, and windows of a real one, the most built-up first
@@ -76,6 +76,25 @@ class Config:
 TINY = Config(folder=None, maps=("suburb",), problems=1)
 
 
+class Case(NamedTuple):
+    """One scan, and what is there.
+
+    Attributes:
+        where: what was seen occupied, and the ground.
+        points: returns of the scan from the start [m].
+        unseen: voxels that nobody saw, ground left out.
+        there: voxels of buildings, seen or not.
+        start, goal: [m].
+    """
+
+    where: VoxelMap
+    points: Float[np.ndarray, "r 3"]
+    unseen: Volume
+    there: Volume
+    start: np.ndarray
+    goal: np.ndarray
+
+
 def main(config: Config) -> list[Row]:
     """Judge; save and return the rows."""
     loaded = None if config.folder is None else load(config.folder)
@@ -83,17 +102,18 @@ def main(config: Config) -> list[Row]:
     for name in config.maps:
         plans: dict[str, list[tuple[bool, float]]] = {}
         guessed: list[np.ndarray] = []
-        for k, (bits, start, goal) in enumerate(cases(name, config)):
-            chances = {"free": np.zeros(_GRID.shape, np.float32), "alike": np.ones(_GRID.shape, np.float32)}
-            chances |= {"extruded": _extruded(bits), "truth": ((bits & OCCUPIED) > 0).astype(np.float32)}
+        for k, case in enumerate(cases(name, config)):
+            below = np.cumsum((case.where.occupied & ~case.where.ground)[:, :, ::-1], axis=2)[:, :, ::-1] > 0
+            shown = {"free": np.zeros_like(case.unseen), "alike": case.unseen, "extruded": below, "truth": case.there}
+            chances: dict[str, np.ndarray] = {
+                how: (case.unseen & volume).astype(np.float32) for how, volume in shown.items()
+            }
             if loaded is not None:
-                chances["network"] = _predicted(bits, *loaded)
-                unseen = np.asarray(net.unseen_in(jnp.asarray(bits[:, :, _LAYERS])))
-                guessed.append(
-                    np.stack([chances["network"][:, :, _LAYERS][unseen], (bits[:, :, _LAYERS][unseen] & OCCUPIED) > 0])
-                )
+                chance = predict_unseen(case.points, case.start, case.where, loaded)
+                chances["network"] = chance
+                guessed.append(np.stack([chance[chance > 0], case.there[chance > 0]]))
             for how, chance in chances.items():
-                plans.setdefault(how, []).append(crossing(bits, start, goal, chance, config.height))
+                plans.setdefault(how, []).append(crossing(case, chance, config.height))
             crossed = ", ".join(f"{how} {sum(crosses for crosses, _ in some)}" for how, some in plans.items())
             print(f"{name}: {k + 1} of {config.problems}, crossed: {crossed}", file=sys.stderr, flush=True)
         rows += [_plan_row(name, how, found) for how, found in plans.items()]
@@ -102,19 +122,20 @@ def main(config: Config) -> list[Row]:
     return rows
 
 
-def cases(name: str, config: Config) -> Iterator[tuple[UInt8[np.ndarray, "nx ny nz"], np.ndarray, np.ndarray]]:
-    """Bits of scans from starts, the starts and their goals [m]."""
+def cases(name: str, config: Config) -> Iterator[Case]:
+    """Scans from starts in the cities of a map."""
     geoms_of = _cities(name, config)
     for k in range(config.problems):
         number, place = divmod(k, _EACH)
         geoms = geoms_of(number)
         occupied, ground = occupancy(geoms, _GRID)
-        start, goal = draw_ends(
-            np.random.default_rng([config.seed, zlib.crc32(name.encode()), number, place]), occupied, _GRID
-        )
-        found = look(geoms, jnp.asarray(start), jax.random.key(config.seed + k), _GRID)
-        seen = np.asarray(found.seen_free), np.asarray(found.seen_occupied)
-        yield bits_of(*seen, ground, occupied & ~ground), start, goal
+        rng = np.random.default_rng([config.seed, zlib.crc32(name.encode()), number, place])
+        start, goal = draw_ends(rng, occupied, _GRID)
+        seen, points = look(geoms, jnp.asarray(start), jax.random.key(config.seed + k), _GRID)
+        known = np.asarray(seen.occupied) | ground
+        where = VoxelMap.on(_GRID, known, ground)
+        unseen = ~(known | np.asarray(seen.free))
+        yield Case(where, np.asarray(points), unseen, occupied & ~ground, start, goal)
 
 
 def _cities(name: str, config: Config) -> Callable[[int], Geoms]:
@@ -126,40 +147,19 @@ def _cities(name: str, config: Config) -> Callable[[int], Geoms]:
     return lambda number: city(found[number % len(found)].rows, slots)
 
 
-def crossing(
-    bits: UInt8[np.ndarray, "nx ny nz"],
-    start: np.ndarray,
-    goal: np.ndarray,
-    chance: Float32[np.ndarray, "nx ny nz"],
-    height: float,
-) -> tuple[bool, float]:
+def crossing(case: Case, chance: Float32[np.ndarray, "nx ny nz"], height: float) -> tuple[bool, float]:
     """Whether a plan crosses a building, and its length over the straight line; (False, NaN) without a plan.
 
     Args:
-        bits: of a scan, with what is there.
-        start, goal: [m].
-        chance: P(occupied); of seen voxels it is not read.
+        case: the scan.
+        chance: P(occupied), 0 where that was seen.
         height: a.
     """
-    seen = (bits & SEEN_OCCUPIED) > 0
-    ground = (bits & GROUND) > 0
-    where = maxjax.VoxelMap.on(_GRID, seen | ground, ground)
-    distances = maxjax.Distances(price=price_of(bits, chance, height))
-    plan = maxjax.plan(where, start, goal, distances=distances)
+    distances = price_unseen(case.where, maxjax.Distances(), chance, height)
+    plan = maxjax.plan(case.where, case.start, case.goal, distances=distances)
     if plan.status != maxjax.Status.OK:
         return False, float("nan")
-    return _crosses(plan.path, (bits & OCCUPIED) > 0), plan.length / float(np.linalg.norm(goal - start))
-
-
-def price_of(
-    bits: UInt8[np.ndarray, "nx ny nz"], chance: Float[np.ndarray, "nx ny nz"], height: float
-) -> Float32[np.ndarray, "nx ny nz"]:
-    """N of each voxel: the default law of the distance to what was seen, and a P more where nobody saw."""
-    distances = maxjax.Distances()
-    quarters = cube_distance(jnp.asarray((bits & SEEN_OCCUPIED) > 0), distances.margin / _GRID.spacing)
-    law = np.asarray(distances.price_at(metres(quarters, _GRID.spacing)), np.float32)
-    unseen = np.asarray(net.unseen_in(jnp.asarray(bits)))
-    return law + np.where(unseen, height * chance, 0).astype(np.float32)
+    return _crosses(plan.path, case.there), plan.length / float(np.linalg.norm(case.goal - case.start))
 
 
 def _crosses(path: np.ndarray, occupied: Bool[np.ndarray, "nx ny nz"]) -> bool:
@@ -169,24 +169,6 @@ def _crosses(path: np.ndarray, occupied: Bool[np.ndarray, "nx ny nz"]) -> bool:
         if occupied[tuple(voxels_of(points, _GRID).T)].any():
             return True
     return False
-
-
-def _extruded(bits: UInt8[np.ndarray, "nx ny nz"]) -> Float32[np.ndarray, "nx ny nz"]:
-    """1 below what was seen occupied."""
-    seen = (bits & SEEN_OCCUPIED) > 0
-    return (np.cumsum(seen[:, :, ::-1], axis=2)[:, :, ::-1] > 0).astype(np.float32)
-
-
-def _predicted(
-    bits: UInt8[np.ndarray, "nx ny nz"], params: Params, network: net.CompletionNet
-) -> Float32[np.ndarray, "nx ny nz"]:
-    """The network's P in the layers that it was trained on; 0 above and below."""
-    found = np.zeros(bits.shape, np.float32)
-    found[:, :, _LAYERS] = _PROBABILITY(params, jnp.asarray(bits[:, :, _LAYERS]), network)
-    return found
-
-
-_PROBABILITY = jax.jit(net.probability, static_argnums=2)
 
 
 def _plan_row(name: str, how: str, found: Sequence[tuple[bool, float]]) -> Row:

@@ -1,6 +1,6 @@
 """Draw scans of `midtown`, and train the completion network on them; resumable.
 
-    python -m experiments.completion.train --record       two cores: 30 minutes
+    python -m experiments.completion.train --record       two cores: 50 minutes
 
     folder/scenes-*.npz: scans by city      folder/checkpoint.json, state-*.npz      folder/log.jsonl: an epoch a line
 
@@ -28,13 +28,14 @@ from jaxtyping import Array, UInt8
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from experiments.completion import network as net
-from experiments.completion.network import NETWORK, TINY_NETWORK, CompletionNet, Params
-from experiments.completion.scenes import GRID, draw_scene
+from experiments.completion.network import TINY_NETWORK
+from experiments.completion.scenes import draw_scene
 from maxjax.compile.threads import concurrently
 from maxjax.core.files import atomic_write, read_text
 from maxjax.core.serialization import load_pytree, save_pytree
 from maxjax.nn import optimizer
 from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
+from maxjax.nn.completion import GRID, NETWORK, CompletionNet, Params, init_completion
 from maxjax.nn.optimizer import AdamW, Moments
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -177,7 +178,7 @@ def load(folder: Path) -> tuple[Params, CompletionNet]:
 
 
 def _first(config: Config) -> State:
-    params = net.start(config.network, jax.random.key(config.seed))
+    params = init_completion(config.network, jax.random.key(config.seed))
     return params, optimizer.init_moments(params)
 
 
