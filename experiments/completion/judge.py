@@ -1,6 +1,6 @@
 """Judge the completion network where it never was: calibration, and plans from one scan, beside constants.
 
-    python -m experiments.completion.judge --record       after `train`; two cores: 20 minutes
+    python -m experiments.completion.judge --record       two cores: 30 minutes
 
     reliability   of unseen voxels by predicted P: share that is occupied; Brier score = mean of (P − occupied)²
     plans         from one scan, unseen voxels priced  1 + a P  beside the law of distance; share that crosses buildings
@@ -55,7 +55,7 @@ class Config:
     """Settings.
 
     Attributes:
-        folder: of a training run; None: without a network.
+        folder: of a training run; None: the weights that come with maxjax.
         data: folder of public inputs.
         maps: to judge on, of the simulator and of `CITIES`.
         problems: a map, five a city.
@@ -64,7 +64,7 @@ class Config:
         out: where the JSON goes.
     """
 
-    folder: Path | None = Path("build/completion")
+    folder: Path | None = None
     data: Path = Path(os.environ.get("MAXJAX_DATA", "../shared/data"))
     maps: tuple[str, ...] = ("downtown", "suburb", *CITIES)
     problems: int = 200
@@ -73,7 +73,7 @@ class Config:
     out: Path = RESULTS
 
 
-TINY = Config(folder=None, maps=("suburb",), problems=1)
+TINY = Config(maps=("suburb",), problems=1)
 
 
 class Case(NamedTuple):
@@ -108,16 +108,15 @@ def main(config: Config) -> list[Row]:
             chances: dict[str, np.ndarray] = {
                 how: (case.unseen & volume).astype(np.float32) for how, volume in shown.items()
             }
-            if loaded is not None:
-                chance = predict_unseen(case.points, case.start, case.where, loaded)
-                chances["network"] = chance
-                guessed.append(np.stack([chance[chance > 0], case.there[chance > 0]]))
+            chance = predict_unseen(case.points, case.start, case.where, loaded)
+            chances["network"] = chance
+            guessed.append(np.stack([chance[chance > 0], case.there[chance > 0]]))
             for how, chance in chances.items():
                 plans.setdefault(how, []).append(crossing(case, chance, config.height))
             crossed = ", ".join(f"{how} {sum(crosses for crosses, _ in some)}" for how, some in plans.items())
             print(f"{name}: {k + 1} of {config.problems}, crossed: {crossed}", file=sys.stderr, flush=True)
         rows += [_plan_row(name, how, found) for how, found in plans.items()]
-        rows += _calibration(name, np.concatenate(guessed, axis=1)) if guessed else []
+        rows += _calibration(name, np.concatenate(guessed, axis=1))
         save("completion", config, rows, config.out)
     return rows
 

@@ -35,7 +35,7 @@ from maxjax.core.files import atomic_write, read_text
 from maxjax.core.serialization import load_pytree, save_pytree
 from maxjax.nn import optimizer
 from maxjax.nn.checkpoint import load_checkpoint, load_metadata, save_checkpoint
-from maxjax.nn.completion import GRID, NETWORK, CompletionNet, Params, init_completion
+from maxjax.nn.completion import GRID, NETWORK, CompletionNet, Params, init_completion, save_completion
 from maxjax.nn.optimizer import AdamW, Moments
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -55,6 +55,7 @@ class Config:
         rate: peak learning rate.
         seed: of everything.
         tiny: a network that trains in seconds, to see that it works.
+        weights: file that the weights are written to at the end, as those that come with maxjax are; None: none.
         out: where the JSON of the losses goes.
     """
 
@@ -67,6 +68,7 @@ class Config:
     rate: float = 1e-3
     seed: int = 0
     tiny: bool = False
+    weights: Path | None = None
     out: Path = RESULTS
 
     @property
@@ -77,7 +79,9 @@ class Config:
     @property
     def identity(self) -> dict[str, Any]:
         """What a checkpoint must be of."""
-        stated = {name: value for name, value in dataclasses.asdict(self).items() if name not in ("folder", "out")}
+        stated = {
+            name: value for name, value in dataclasses.asdict(self).items() if name not in ("folder", "weights", "out")
+        }
         found: dict[str, Any] = json.loads(json.dumps(stated))
         return found
 
@@ -116,6 +120,8 @@ def main(config: Config) -> list[Row]:
         atomic_write(log, "".join(line + "\n" for line in lines))
         print(lines[-1], file=sys.stderr, flush=True)
     rows: list[Row] = [json.loads(line) for line in lines]
+    if config.weights is not None:
+        save_completion(state[0], config.weights)
     save("completion_training", config, rows, config.out)
     return rows
 

@@ -78,7 +78,7 @@ def init_completion(network: CompletionNet, key: PRNGKeyArray) -> Params:
     }
 
 
-def save_completion(params: Params, path: Path = _WEIGHTS) -> None:
+def save_completion(params: Params, path: Path) -> None:
     """Write weights in float16, as `load_completion` reads them."""
     save_pytree(path, jax.tree.map(lambda weights: weights.astype(jnp.float16), params))
 
