@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from maxjax.io.reading import Reading
     from maxjax.nn.model import load_model
     from maxjax.nn.network import Network
+    from maxjax.nn.unseen import predict_unseen, price_unseen
     from maxjax.planners import Field
     from maxjax.planning.look import Look
     from maxjax.planning.mission import Mission
@@ -160,6 +161,8 @@ __all__ = [
     "plan_scan",
     "plan_to_goal",
     "plan_to_nearest",
+    "predict_unseen",
+    "price_unseen",
     "solve_potential",
     "survey",
     "trajectory",
@@ -218,6 +221,7 @@ _MODULES = {
     "maxjax.io.reading": ("Reading",),
     "maxjax.nn.model": ("load_model",),
     "maxjax.nn.network": ("Network",),
+    "maxjax.nn.unseen": ("predict_unseen", "price_unseen"),
     "maxjax.planners": ("Field",),
     "maxjax.planning.look": ("Look",),
     "maxjax.planning.mission": ("Mission",),

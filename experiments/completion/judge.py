@@ -36,7 +36,7 @@ from experiments.city_windows import CITIES, windows
 from experiments.completion.scenes import look
 from experiments.completion.train import load
 from maxjax import VoxelMap
-from maxjax.nn.unseen import predict_unseen, price_unseen
+from maxjax.nn.unseen import predict_unseen, raise_price
 from maxjax.sim.worlds.geoms import Geoms
 from maxjax.sim.worlds.real_city import TOLERANCE, city
 from maxjax.sim.worlds.scenes import make_scene, occupancy
@@ -154,7 +154,7 @@ def crossing(case: Case, chance: Float32[np.ndarray, "nx ny nz"], height: float)
         chance: P(occupied), 0 where that was seen.
         height: a.
     """
-    distances = price_unseen(case.where, maxjax.Distances(), chance, height)
+    distances = raise_price(case.where, maxjax.Distances(), chance, height)
     plan = maxjax.plan(case.where, case.start, case.goal, distances=distances)
     if plan.status != maxjax.Status.OK:
         return False, float("nan")

@@ -187,7 +187,7 @@ def save_model(
 
 def shipped_networks() -> list[str]:
     """Names of the networks whose weights come with maxjax."""
-    return sorted(file.stem for file in WEIGHTS.glob("*.npz"))
+    return sorted(file.stem for file in WEIGHTS.glob("*.npz") if file.stem in CONFIGS)
 
 
 @functools.lru_cache(maxsize=8)

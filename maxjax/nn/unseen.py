@@ -19,6 +19,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.fields.distance import cube_distance, metres
+from maxjax.fields.occupancy import voxelize
 from maxjax.fields.sighting import sight
 from maxjax.nn.completion import GRID, NETWORK, CompletionNet, Params, complete, load_completion
 from maxjax.planning.problem.distances import Distances, PriceVolume
@@ -36,7 +37,7 @@ def predict_unseen(
     """P(occupied) of the voxels that one scan does not show, by the completion network; 0 for all others.
 
     Args:
-        points: returns of the scan [m]; misses are not finite.
+        points: returns of the scan [m]; misses are not finite, or exactly (0, 0, 0).
         sensor: where its beams begin [m].
         known: a map with its ground, in whose voxels the answer is; the network was trained on voxels of 2 m. Farther
             than 96 m in plan, and higher than 72 m above the ground, P is 0.
@@ -50,10 +51,12 @@ def predict_unseen(
     height = terrain.at(x, y)
     if not np.isfinite(height):
         raise ValueError(
-            f"where: expected a map with its ground, given none at ({x:g}, {y:g}); the network counts heights from it"
+            f"known: expected a map with its ground, given none at ({x:g}, {y:g}); the network counts heights from it"
         )
     around = _around(known.grid, x, y, height)
-    seen = sight(jnp.asarray(sensor, jnp.float32), jnp.asarray(points, jnp.float32), around)
+    returns = np.where((points == 0).all(axis=1, keepdims=True), np.nan, points)
+    local = (value - np.array(around.origin) for value in (sensor, returns))  # exact at national coordinates
+    seen = sight(*(jnp.asarray(value, jnp.float32) for value in local), around.local)
     ground = _ground_in(terrain, around, height)
     params, network = completion or (load_completion(), NETWORK)
     chance = np.asarray(_COMPLETE(params, seen, jnp.asarray(ground), network))
@@ -63,6 +66,32 @@ def predict_unseen(
 
 
 def price_unseen(
+    points: Float[np.ndarray, "n 3"],
+    sensor: Float[np.ndarray, "3"],
+    known: VoxelMap,
+    distances: Distances = Distances(),  # noqa: B008 (frozen)
+    height: float = 4.0,
+) -> Distances:
+    """Distances for a plan from one scan, by which ways through likely buildings that it does not show cost more.
+
+        distances = maxjax.price_unseen(points, start, known)
+        plan = maxjax.plan_scan(points, start, goal, known, distances=distances)
+
+    Args:
+        points, sensor, known: as of `predict_unseen`.
+        distances: whose price is raised.
+        height: a, what a metre through surely occupied voxels costs more; 4 is what was judged.
+
+    Raises:
+        ValueError: as `predict_unseen`, and for a height that is negative or not finite.
+    """
+    chance = predict_unseen(points, sensor, known)
+    scan = voxelize(np.asarray(points), known.grid)
+    seen = dataclasses.replace(known.on_host(), occupied=np.asarray(known.occupied) | np.asarray(scan.occupied))
+    return raise_price(seen, distances, chance, height)
+
+
+def raise_price(
     where: VoxelMap, distances: Distances, chance: Float[np.ndarray, "nx ny nz"], height: float
 ) -> Distances:
     """Distances whose price is raised where nobody saw.
@@ -77,7 +106,7 @@ def price_unseen(
         ValueError: for a height that is negative or not finite.
     """
     if not 0.0 <= height < np.inf:
-        raise ValueError(f"unseen: expected a finite price of at least 0, given {height:g}")
+        raise ValueError(f"height: expected a finite price of at least 0, given {height:g}")
     if isinstance(distances.price, PriceVolume):
         law = np.asarray(distances.price.n)
     else:

@@ -13,7 +13,7 @@ import functools
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64, UInt8
+from jaxtyping import Bool, Float32, Float64, Int64, Shaped, UInt8
 
 from maxjax.core.grid import Grid
 from maxjax.core.status import Closure
@@ -147,7 +147,9 @@ class Task:
         """That of `barred` or `kept_off` which the k-th problem is in."""
         return volumes if volumes.ndim == 3 else volumes[self.map_of[k]]
 
-    def stacked(self, volumes: Volume) -> tuple[Bool[np.ndarray, "m nx ny nz"], Int64[np.ndarray, " b"]]:
+    def stacked(
+        self, volumes: Shaped[np.ndarray, "..."]
+    ) -> tuple[Shaped[np.ndarray, "m nx ny nz"], Int64[np.ndarray, " b"]]:
         """A volume of one map or of several as a row of maps, and which of them each problem is in."""
         return (volumes[None], np.zeros_like(self.map_of)) if volumes.ndim == 3 else (volumes, self.map_of)
 
