@@ -65,7 +65,7 @@ def test_buildings_behind_their_fronts_are_likelier_than_the_air() -> None:
 
 
 def test_other_voxels_and_places_show_the_same() -> None:
-    """A map at national coordinates has the same probabilities, one of half the spacing nearly: its voxels shift them."""
+    """At national coordinates the probabilities are the same, in voxels of half the size nearly, which shift them."""
     where, points, _ = seen()
     chance = predict_unseen(points, START, where)
     away = np.array([155_000.0, 463_000.0, 40.0])
