@@ -44,7 +44,7 @@ def test_the_wheel_holds_the_package_and_its_licence(built: Callable[[str], Path
     others = [name for name in names if name.startswith("maxjax/") and not name.endswith(".py")]
     assert {Path(name).suffix for name in others} == {".cpp", ".npz", ".typed"}
     assert "maxjax/py.typed" in others
-    assert {Path(name).stem for name in others if name.endswith(".npz")} <= set(CONFIGS)
+    assert {Path(name).stem for name in others if name.endswith(".npz")} <= {*CONFIGS, "completion"}
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in names)
     assert told["License-Expression"] == "Apache-2.0"
     classifiers = told.get_all("Classifier")

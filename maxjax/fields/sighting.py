@@ -41,10 +41,10 @@ def sight(sensor: Float[Array, " 3"], returns: Float[Array, "r 3"], grid: Grid, 
         reach: nothing is seen free farther away [m]; static.
     """
     occupied = voxelize(returns, grid).occupied
-    return Sighting(occupied, passed(sensor, returns, grid, reach) & ~occupied)
+    return Sighting(occupied, _passed(sensor, returns, grid, reach) & ~occupied)
 
 
-def passed(
+def _passed(
     sensor: Float[Array, " 3"], returns: Float[Array, "r 3"], grid: Grid, reach: float
 ) -> Bool[Array, "nx ny nz"]:
     """Voxels that hold a point of a beam, taken every half voxel from the sensor to half a voxel before its return.
