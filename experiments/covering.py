@@ -91,6 +91,8 @@ class Config:
 
 TINY = Config(cities=("sample",), targets=1)
 
+SYSTEMS = {"The Hague": "EPSG:7415"}  # of files that do not name theirs
+
 
 def maps(name: str, config: Config) -> Iterator[tuple[maxjax.VoxelMap, str | tuple[Point3, Point3]]]:
     """Maps around random buildings, and the buildings."""
@@ -102,8 +104,9 @@ def maps(name: str, config: Config) -> Iterator[tuple[maxjax.VoxelMap, str | tup
         for geoms, block in itertools.islice(drawn, config.targets):
             yield maxjax.VoxelMap.on(grid, *map(np.asarray, occupancy(geoms, grid))), block
         return
+    reading = maxjax.Reading(crs=SYSTEMS.get(name))
     for path in city_files(name, config.data):
-        whole = maxjax.load_map(path, spacing=4.0)
+        whole = maxjax.load_map(path, spacing=4.0, reading=reading)
         faces = city_faces(whole)
         height = np.array([np.ptp(faces.triangles[faces.part == p, :, 2]) for p in range(len(faces.names))])
         names = [faces.buildings[p] for p in rng.permutation(np.flatnonzero(height > 5.0))]
@@ -114,7 +117,7 @@ def maps(name: str, config: Config) -> Iterator[tuple[maxjax.VoxelMap, str | tup
             low[2] = corners[:, 2].min() - 4.0
             high = low + config.step * np.ceil((high - low) / config.step)
             bounds = (*low.tolist(), *high.tolist())
-            yield maxjax.load_map(path, spacing=2.0, bounds=bounds), building
+            yield maxjax.load_map(path, spacing=2.0, bounds=bounds, reading=reading), building
 
 
 def city_files(name: str, data: Path) -> list[Path]:

@@ -339,7 +339,8 @@ def area_map(name: str, config: Config) -> tuple[maxjax.VoxelMap, tuple[float, f
     x, y, _ = faces.triangles[choose(faces, target).faces].reshape(-1, 3).mean(axis=0).tolist()
     reach, low = 0.5 * config.side + _AROUND, where.grid.lower[2]
     bounds = (x - reach, y - reach, low, x + reach, y + reach, low + config.above + 20.0)
-    return maxjax.load_map(path, spacing=2.0, bounds=bounds), (x, y)
+    reading = maxjax.Reading(crs=covering.SYSTEMS.get(name))
+    return maxjax.load_map(path, spacing=2.0, bounds=bounds, reading=reading), (x, y)
 
 
 def main(config: Config) -> list[Row]:
