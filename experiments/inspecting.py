@@ -1,9 +1,8 @@
 """Photographs of buildings and areas beside the patterns of QGroundControl and a greedy choice, judged alike.
 
-    MAXJAX_DATA=../shared/data python -m experiments.inspecting --targets 5 --seed N --record
+    MAXJAX_DATA=... python -m experiments.inspecting --seed N --record
 
-On two cores that others share, five buildings a city take two runs of ten minutes; a run that was ended goes on with
-the same command.
+On two cores, ten buildings a city take half an hour; a run that was ended goes on with the same command.
 
 Buildings drawn at random of five cities (those of `experiments.covering`) are photographed from 8 m with 0.7 and 0.6 of
 overlap, six photos of each point, by
