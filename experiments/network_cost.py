@@ -2,6 +2,7 @@
 
     python -m experiments.network_cost                                                       # two CPU cores: 9 minutes
     python -m experiments.network_cost --batches 1 16 --repeats 20 --name network_cost_h200  # one H200: 1 minute
+    python -m experiments.network_cost --models --maps --name network_plans                  # two cores: 3 minutes
 
 `forward` rows: one pass over a grid of 101³ voxels, in batches. `plain` is the definition, each convolution by XLA as
 it stands, in float32; `folded` what `load_model` uses on this device (kernels folded, bfloat16 on a GPU).
@@ -252,18 +253,31 @@ def section(document: Document) -> str:
         for row in rows
         if row["what"] == "plan"
     ]
-    return (
-        f"### What the networks cost and add ({device(document)})\n\n"
-        "A forward pass over 101³ voxels; plain: convolutions as they are defined, by XLA; folded: what maxjax uses.\n"
-        f"The paper states {_PAPER:.0f} ms for its network on its machine.\n\n"
-        + table(["network", "weights", "how", "batch", "ms a scene"], passes)
-        + "\nTo a certified field: positive sweeps, 64 at most, before the solver takes over; `solver` is\n"
-        "the solver by itself. Time of the whole potential, median (largest), after compilation.\n"
-        + (f"{remark}\n\n" if (remark := document["config"].get("remark")) else "\n")
-        + table(["map", "start", "certified", "by sweeps alone", "sweeps, median", "ms"], ways, left=2)
-        + ("\nWhole plans: the field in windows, the network over the whole map.\n\n" if plans else "")
-        + (table(["city, voxels", "by", "status", "m", "ms"], plans, left=3) if plans else "")
-    )
+    remark = document["config"].get("remark")
+    parts = [
+        f"### {'What the networks cost and add' if passes else 'Whole plans by the network'} ({device(document)})\n"
+    ]
+    if passes:
+        parts += [
+            "A forward pass over 101³ voxels; plain: convolutions as they are defined, by XLA; folded: what maxjax "
+            "uses.\n"
+            f"The paper states {_PAPER:.0f} ms for its network on its machine.\n",
+            table(["network", "weights", "how", "batch", "ms a scene"], passes),
+        ]
+    if ways:
+        parts += [
+            "To a certified field: positive sweeps, 64 at most, before the solver takes over; `solver` is\n"
+            "the solver by itself. Time of the whole potential, median (largest), after compilation.\n"
+            + (f"{remark}\n" if remark else ""),
+            table(["map", "start", "certified", "by sweeps alone", "sweeps, median", "ms"], ways, left=2),
+        ]
+    if plans:
+        parts += [
+            "Through cities of `benchmarks.city_plan`, median, after compilation: the field in windows, the network\n"
+            "over the whole map.\n",
+            table(["city, voxels", "by", "status", "m", "ms"], plans, left=3),
+        ]
+    return "\n".join(parts)
 
 
 if __name__ == "__main__":

@@ -40,6 +40,7 @@ CHAPTERS: dict[str, tuple[tuple[str, str], ...]] = {
         ("network_accuracy", "network_accuracy"),
         ("network_cost", "network_cost"),
         ("network_cost_h200", "network_cost"),
+        ("network_plans", "network_cost"),
         ("offline_networks", "offline_many"),
         ("completion_training", "completion.tables"),
         ("completion", "completion.tables"),
