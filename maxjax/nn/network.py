@@ -13,8 +13,8 @@ from maxjax.planning.run.stages import PotentialFn
 class Network(FieldPlanner):
     """Climb a predicted potential, improved until it is certified; where that does not suffice, the solver takes over.
 
-    A network plans the whole map, where `Field` plans a window of it: on two CPU cores three times as long across a city of
-    128 × 128 × 64 voxels, 29 times in one of 384 × 384 × 64 (experiments/results/network_plans.json).
+    A network plans the whole map, where `Field` plans a window of it: on two CPU cores it takes three times as long across
+    a city of 128 × 128 × 64 voxels, 29 times in one of 384 × 384 × 64 (experiments/results/network_plans.json).
 
     Attributes:
         model: name of the network, one whose weights come with maxjax.
