@@ -13,7 +13,7 @@ from maxjax.planning.run.stages import PotentialFn
 class Network(FieldPlanner):
     """Climb a predicted potential, improved until it is certified; where that does not suffice, the solver takes over.
 
-    A network plans the whole map, where `Field` plans a window of it: on two CPU cores that takes three times as long in
+    A network plans the whole map, where `Field` plans a window of it: on two cores that takes three times as long in
     a city of 128 × 128 × 64 voxels, 29 times in one of 384 × 384 × 64 (experiments/results/network_plans.json).
 
     Attributes:
