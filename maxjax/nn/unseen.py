@@ -9,11 +9,12 @@ verified is what was seen.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Array, Float, Float32, Real
 
 from maxjax.core.grid import Grid
 from maxjax.core.terrain import Terrain
@@ -23,14 +24,15 @@ from maxjax.fields.occupancy import voxelize
 from maxjax.fields.sighting import sight
 from maxjax.nn.completion import GRID, NETWORK, CompletionNet, Params, complete, load_completion
 from maxjax.planning.problem.distances import Distances, PriceVolume
+from maxjax.planning.problem.task import points_of
 
 _GROUND = round(-GRID.origin[2] / GRID.spacing)  # its highest layer
 _COMPLETE = jax.jit(complete, static_argnames="network")
 
 
 def predict_unseen(
-    points: Float[np.ndarray, "n 3"],
-    sensor: Float[np.ndarray, "3"],
+    points: Real[Array | np.ndarray, "n 3"],
+    sensor: Real[Array | np.ndarray, " 3"] | Sequence[float],
     known: VoxelMap,
     completion: tuple[Params, CompletionNet] | None = None,
 ) -> Float32[np.ndarray, "nx ny nz"]:
@@ -44,9 +46,10 @@ def predict_unseen(
         completion: weights and network; None: those that come with maxjax.
 
     Raises:
-        ValueError: if the map has no ground below the sensor.
+        ValueError: if the map has no ground below the sensor, or points or sensor have other than three coordinates.
     """
-    x, y = (float(v) for v in sensor[:2])
+    returns, place = points_of("points", points, ("n", 3), least=0), points_of("sensor", sensor, (3,))
+    x, y, _ = place.tolist()
     terrain = known.terrain
     height = terrain.at(x, y)
     if not np.isfinite(height):
@@ -54,8 +57,8 @@ def predict_unseen(
             f"known: expected a map with its ground, given none at ({x:g}, {y:g}); the network counts heights from it"
         )
     around = _around(known.grid, x, y, height)
-    returns = np.where((points == 0).all(axis=1, keepdims=True), np.nan, points)
-    local = (value - np.array(around.origin) for value in (sensor, returns))  # exact at national coordinates
+    returns = np.where((returns == 0).all(axis=1, keepdims=True), np.nan, returns)
+    local = (value - np.array(around.origin) for value in (place, returns))  # exact at national coordinates
     seen = sight(*(jnp.asarray(value, jnp.float32) for value in local), around.local)
     ground = _ground_in(terrain, around, height)
     params, network = completion or (load_completion(), NETWORK)
@@ -66,8 +69,8 @@ def predict_unseen(
 
 
 def price_unseen(
-    points: Float[np.ndarray, "n 3"],
-    sensor: Float[np.ndarray, "3"],
+    points: Real[Array | np.ndarray, "n 3"],
+    sensor: Real[Array | np.ndarray, " 3"] | Sequence[float],
     known: VoxelMap,
     distances: Distances = Distances(),  # noqa: B008 (frozen)
     height: float = 4.0,
@@ -86,7 +89,7 @@ def price_unseen(
         ValueError: as `predict_unseen`, and for a height that is negative or not finite.
     """
     chance = predict_unseen(points, sensor, known)
-    scan = voxelize(np.asarray(points), known.grid)
+    scan = voxelize(points_of("points", points, ("n", 3), least=0), known.grid)
     seen = dataclasses.replace(known.on_host(), occupied=np.asarray(known.occupied) | np.asarray(scan.occupied))
     return raise_price(seen, distances, chance, height)
 

@@ -122,6 +122,8 @@ def test_bad_input_is_told() -> None:
     for height in (-1.0, np.inf):
         with pytest.raises(ValueError, match="height: expected a finite price of at least 0"):
             price_unseen(points, START, where, height=height)
+    with pytest.raises(ValueError, match=r"sensor: expected numbers of shape \(3,\)"):
+        predict_unseen(points, (1.0, 2.0), where)
     bare = maxjax.VoxelMap.on(TOWN, np.zeros(TOWN.shape, bool))
     with pytest.raises(ValueError, match=r"known: expected a map with its ground, given none at \(-40, 3\)"):
         predict_unseen(points, START, bare)
