@@ -1,6 +1,6 @@
 """Judge the completion network where it never was: calibration, and plans from one scan, beside constants.
 
-    python -m experiments.completion.judge --record       two cores: 30 minutes
+    python -m experiments.completion.judge --record       two cores: an hour
 
     reliability   of unseen voxels by predicted P: share that is occupied; Brier score = mean of (P − occupied)²
     plans         from one scan, unseen voxels priced  1 + a P  beside the law of distance; share that crosses buildings
