@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,8 @@ CITIES = {
 }
 # Vertical share of the normal of a face that counts as level, and how far above the lowest a floor may lie [m].
 _LEVEL, _STEP = 0.7, 0.5
+# Boxes of a window are padded to a multiple of this.
+_SLOTS = 128
 # Points a footprint that measure by how much its boxes exceed it.
 _SAMPLES = 2000
 
@@ -52,6 +54,11 @@ class Window:
     def built(self) -> float:
         """Area of the boxes [m²]; where boxes overlap it counts twice."""
         return float(4 * np.sum(self.rows[:, 2] * self.rows[:, 3]))
+
+
+def slots_of(found: Iterable[Window]) -> int:
+    """Boxes of the fullest window, up to a multiple, so that windows share a program."""
+    return -(-max(len(one.rows) for one in found) // _SLOTS) * _SLOTS
 
 
 def windows(files: tuple[Path, ...], half: float, tolerance: float) -> list[Window]:

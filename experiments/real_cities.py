@@ -42,7 +42,7 @@ from benchmarks.common.oracle import judge
 from benchmarks.common.paper import planned
 from benchmarks.common.problems import case_of, draw_ends
 from experiments import random_problems as offline
-from experiments.city_windows import CITIES, Window, windows
+from experiments.city_windows import CITIES, Window, slots_of, windows
 from maxjax import VoxelMap
 from maxjax.planning.problem.distances import Distances
 from maxjax.planning.problem.task import Task
@@ -55,8 +55,6 @@ from maxjax.sim.worlds.scenes import occupancy
 from maxjax.ui.methods import planner_named
 
 RESULTS = Path(__file__).parent / "results"
-# Boxes are padded to a multiple of this.
-_SLOTS = 128
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,8 +108,7 @@ def main(config: Config, flight: FlightConfig | None = None) -> list[Row]:
         name: windows(tuple(config.data / file for file in files), config.half, config.tolerance)[: config.windows]
         for name, files in CITIES.items()
     }
-    most = max(len(one.rows) for found in cities.values() for one in found)
-    slots = -(-most // _SLOTS) * _SLOTS
+    slots = slots_of(one for found in cities.values() for one in found)
     rows: list[Row] = [_geometry(name, found) for name, found in cities.items()]
 
     def add(row: Row) -> None:

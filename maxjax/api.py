@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float, Real
 
@@ -17,7 +16,7 @@ from maxjax.core.status import Status
 from maxjax.core.voxel_map import VoxelMap, check_map, check_single_map
 from maxjax.energy.last_place import end_within_battery, ends_there
 from maxjax.energy.split_flights import BatteryFlight, Supply, split_mission
-from maxjax.fields.occupancy import pad_cloud, voxelize
+from maxjax.fields.occupancy import add_scan
 from maxjax.io.airspace.airspace import Airspace
 from maxjax.planners import Field
 from maxjax.planning import mission as missions
@@ -231,10 +230,7 @@ def plan_scan(
     ends = points_of("start", start, (3,))[None], points_of("goal", goal, (3,))
     with recording() as recorder:
         with time_stage("voxelise"):
-            # To a power of two, so that few numbers of points are compiled for.
-            cloud = pad_cloud(cloud, 1 << max(len(cloud) - 1, 0).bit_length())
-            scan = jax.block_until_ready(voxelize(cloud, known.grid))
-        seen = dataclasses.replace(known.on_host(), occupied=np.asarray(known.occupied) | np.asarray(scan.occupied))
+            seen, scan = add_scan(known, cloud)
         task = _task(seen, *ends, distances)
         empty = int(scan.kept) == 0
         found = (no_plans(task, Status.EMPTY_SCAN, finder.name) if empty else plan_task(task, finder))[0]

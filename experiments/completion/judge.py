@@ -32,7 +32,7 @@ import maxjax
 from benchmarks.common.command import configured
 from benchmarks.common.harness import Row, save
 from benchmarks.common.problems import draw_ends, voxels_of
-from experiments.city_windows import CITIES, windows
+from experiments.city_windows import CITIES, slots_of, windows
 from experiments.completion.scenes import look
 from experiments.completion.train import load
 from maxjax import VoxelMap
@@ -47,7 +47,7 @@ Volume = Bool[np.ndarray, "nx ny nz"]
 _EVERY = 0.25  # [m]
 _BINS = 10
 _EACH, _WINDOWS = 5, 8  # problems a city, and windows of a real one, the most built-up first
-_HALF, _SLOTS = 100.0, 128  # of a window [m]; boxes are padded to a multiple
+_HALF = 100.0  # of a window [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _cities(name: str, config: Config) -> Callable[[int], Geoms]:
     if name not in CITIES:
         return lambda number: make_scene(name, config.seed + number).geoms
     found = windows(tuple(config.data / file for file in CITIES[name]), _HALF, TOLERANCE)[:_WINDOWS]
-    slots = -(-max(len(one.rows) for one in found) // _SLOTS) * _SLOTS
+    slots = slots_of(found)
     return lambda number: city(found[number % len(found)].rows, slots)
 
 

@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int32, Integer
 from maxjax.compile.forked import refuse_after_fork
 from maxjax.compile.lowering import materialise, shift_axis
 from maxjax.core.grid import Grid
+from maxjax.core.voxel_map import VoxelMap
 
 # Keeps 8 m / 2 m = 4 voxels inclusive under rounding [voxels²]; squared lattice distances are whole numbers.
 _INCLUSIVE = 1e-4
@@ -69,8 +70,26 @@ def voxelize(points: Float[Array | np.ndarray, "n 3"], grid: Grid) -> Occupancy:
     return found
 
 
-def pad_cloud(points: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
-    """A cloud of so many points, filled up with misses (NaN), so that clouds of any size share a program."""
+def add_scan(known: VoxelMap, points: Float[np.ndarray, "n 3"]) -> tuple[VoxelMap, Occupancy]:
+    """A map with what a scan shows occupied, on the host, and the scan's voxels.
+
+    Args:
+        known: what is known before.
+        points: of `voxelize`.
+    """
+    scan = voxelize(pad_cloud(points), known.grid)
+    occupied = np.asarray(known.occupied) | np.asarray(scan.occupied)
+    return dataclasses.replace(known.on_host(), occupied=occupied), scan
+
+
+def pad_cloud(points: Float[np.ndarray, "n 3"], count: int | None = None) -> Float[np.ndarray, "m 3"]:
+    """A cloud filled up with misses (NaN), so that clouds of any size share few programs.
+
+    Args:
+        points: [m].
+        count: of points; None: the next power of two.
+    """
+    count = 1 << max(len(points) - 1, 0).bit_length() if count is None else count
     return np.pad(points, ((0, count - len(points)), (0, 0)), constant_values=np.nan)
 
 

@@ -20,7 +20,7 @@ from maxjax.core.grid import Grid
 from maxjax.core.terrain import Terrain
 from maxjax.core.voxel_map import VoxelMap
 from maxjax.fields.distance import cube_distance, metres
-from maxjax.fields.occupancy import voxelize
+from maxjax.fields.occupancy import add_scan, pad_cloud
 from maxjax.fields.sighting import sight
 from maxjax.nn.completion import GRID, NETWORK, CompletionNet, Params, complete, load_completion
 from maxjax.planning.problem.distances import Distances, PriceVolume
@@ -58,7 +58,7 @@ def predict_unseen(
         )
     around = _around(known.grid, x, y, height)
     returns = np.where((returns == 0).all(axis=1, keepdims=True), np.nan, returns)
-    local = (value - np.array(around.origin) for value in (place, returns))  # exact at national coordinates
+    local = (value - np.array(around.origin) for value in (place, pad_cloud(returns)))  # exact at national coordinates
     seen = sight(*(jnp.asarray(value, jnp.float32) for value in local), around.local)
     ground = _ground_in(terrain, around, height)
     params, network = completion or (load_completion(), NETWORK)
@@ -89,8 +89,7 @@ def price_unseen(
         ValueError: as `predict_unseen`, and for a height that is negative or not finite.
     """
     chance = predict_unseen(points, sensor, known)
-    scan = voxelize(points_of("points", points, ("n", 3), least=0), known.grid)
-    seen = dataclasses.replace(known.on_host(), occupied=np.asarray(known.occupied) | np.asarray(scan.occupied))
+    seen, _ = add_scan(known, points_of("points", points, ("n", 3), least=0))
     return raise_price(seen, distances, chance, height)
 
 
@@ -121,8 +120,8 @@ def raise_price(
 
 def _around(grid: Grid, x: float, y: float, height: float) -> Grid:
     """The network's grid around a place, on voxels of the map where both have the same spacing."""
-    step = np.array([grid.spacing, grid.spacing])
-    middle = np.array(grid.origin[:2]) + step * np.round((np.array([x, y]) - grid.origin[:2]) / step)
+    corner = np.array(grid.origin[:2])
+    middle = corner + grid.spacing * np.round((np.array([x, y]) - corner) / grid.spacing)
     west, south = (middle + np.array(GRID.origin[:2])).tolist()
     return Grid(GRID.shape, GRID.spacing, (west, south, height - GRID.spacing * (_GROUND + 0.5)))
 
